@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from functools import cache
 from math import exp, log
 from pathlib import Path
 from statistics import fmean, geometric_mean, median
 from typing import Any
 
 import pytest
+from analyses import DATA, RESULTS, script
 
 from train.experiments.statistics import sign_flip_p
 from train.files import write_csv
 
-PAGE = Path(__file__).parents[2] / "docs" / "results" / "curricula.md"
+PAGE = RESULTS / "curricula.md"
 Row = dict[str, Any]
 
 
-analysis = import_module("curricula_study")
+analysis = script("curricula")
 
 
-def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    first = page.partition("**Question.**")[0]
+@cache
+def studies() -> Any:
+    """The runs of the page, by study."""
+    return analysis.studies_in(DATA / "curricula")
+
+
+def test_the_page_says_which_ablations_have_not_ended() -> None:
+    first = PAGE.read_text(encoding="utf-8").partition("**Question.**")[0]
     for name in analysis.STUDIES:
-        assert (f"`{name}`" in first) == (name not in analysis.complete()), name
-    for title, table in analysis.tables().items():
-        assert table and table in page, title
+        assert (f"`{name}`" in first) == (name not in studies()), name
 
 
 def row_of(name: str, variant: Row, maze: str, seed: int, frames: int, gap: float) -> Row:
@@ -40,8 +44,7 @@ def row_of(name: str, variant: Row, maze: str, seed: int, frames: int, gap: floa
     return row | {name: float(frames) for name in times}
 
 
-def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(analysis, "DATA", tmp_path)
+def test_ratios_are_paired_by_maze(tmp_path: Path) -> None:
     rows: dict[str, Row] = {}
     factors: dict[tuple[str, str], float] = {}
     for name in analysis.STUDIES:
@@ -57,9 +60,9 @@ def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPat
                     key = f"{maze} {variant['name']} {seed} {settings['frames']}"
                     rows.setdefault(key, row)
     write_csv(tmp_path / "runs.csv", [*rows.values()])
-    assert analysis.complete() == [*analysis.STUDIES]
-    for name in analysis.STUDIES:
-        study = analysis.study_of(name)
+    made = analysis.studies_in(tmp_path)
+    assert [*made] == [*analysis.STUDIES]
+    for name, study in made.items():
         found = {row["variant"]: row for row in analysis.against_control(study)}
         assert list(found) == study.layout.variants
         for variant, row in found.items():
@@ -68,13 +71,13 @@ def test_ratios_are_paired_by_maze(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             elif row["verdict"] != "control" and name != "maze-size":  # whose control has others
                 assert row["ratio"] == pytest.approx(factors[name, variant]), (name, variant)
                 assert row["lower_in"] == "12 of 12"
-    first, second = map(analysis.order_table, analysis.ORDERS.values())
+    first, second = (analysis.order_table(made, each) for each in analysis.ORDERS.values())
     assert first.count("| 1.11 [1.11, 1.11] | 0 of 12 |") == 4  # shuffled has the next factor
     assert second.count("| 1.11 [1.11, 1.11] |") == second.count("| 1.23 [1.23, 1.23] |") == 1
 
     del rows[next(key for key in rows if "shuffled" in key and " 12000000" in key)]
     write_csv(tmp_path / "runs.csv", [*rows.values()])
-    assert "goal-spread-start" not in analysis.complete()
+    assert "goal-spread-start" not in analysis.studies_in(tmp_path)
 
 
 def test_what_the_answers_say_of_the_runs() -> None:
@@ -82,7 +85,7 @@ def test_what_the_answers_say_of_the_runs() -> None:
 
     def ratios(name: str, variant: str, column: str) -> list[tuple[float, Row]]:
         """To the control, and the run, by maze."""
-        runs = analysis.by_variant(analysis.study_of(name))
+        runs = analysis.by_variant(studies()[name])
         control = {row["maze"]: row for row in runs["none"]}
         pairs = [(row, control[row["maze"]][column]) for row in runs[variant]]
         known = [(row, other) for row, other in pairs if None not in (row[column], other)]
@@ -103,7 +106,7 @@ def test_what_the_answers_say_of_the_runs() -> None:
     assert said in page
     first, second = (middle("adaptive", name, 10) for name in ("linear", "success-gated"))
     assert f"the linear variant needs {first:.2f} and the success-gated one {second:.2f}" in page
-    runs = analysis.by_variant(analysis.study_of("adaptive"))
+    runs = analysis.by_variant(studies()["adaptive"])
     assert not any(row["unsolved_share"] for row in runs["linear"])
     failed = [row for row in runs["none"] if row["unsolved_share"]]
     assert len(failed) == 4 and "in four of the twelve mazes the control leaves" in page
@@ -127,7 +130,7 @@ def test_what_the_answers_say_of_the_runs() -> None:
 
 
 def test_learnability_of_mazes_paired_by_seed() -> None:
-    runs = analysis.by_variant(analysis.study_of("mazes"))
+    runs = analysis.by_variant(studies()["mazes"])
     gaps = {
         name: [row["shortfall"] for row in sorted(rows, key=lambda row: row["seed"])]
         for name, rows in runs.items()

@@ -1,27 +1,22 @@
-"""The study of errors at an equal gap: the tables of its page, and made rows."""
+"""The study of errors at an equal gap: its rows are complete; made rows."""
 
 from __future__ import annotations
 
-from importlib import import_module
 from itertools import combinations
-from pathlib import Path
 
 import pytest
+from analyses import DATA, script
 
-ROOT = Path(__file__).parents[2]
+from train.experiments.committed import read_table
+
+study, made = script("equal_gap"), script("equal_gap", "make_rows")
 
 
-study = import_module("equal_gap")
-
-
-def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
-    page = (ROOT / "docs" / "results" / "equal_gap.md").read_text(encoding="utf-8")
-    for table in study.tables():
-        assert table in page, table
-    runs, pairs = study.rows_of("runs"), study.rows_of("pairs")
-    per_maze = len(study.CURRICULA) * study.SEEDS
-    assert len(runs) == len(study.MAZES) * per_maze
-    assert len(pairs) == len(study.MAZES) * per_maze * (per_maze - 1) // 2
+def test_all_runs_and_pairs_have_rows() -> None:
+    runs, pairs = (read_table(DATA / "equal_gap" / f"{name}.csv") for name in ("runs", "pairs"))
+    per_maze = len(study.CURRICULA) * made.SEEDS
+    assert len(runs) == len(made.MAZES) * per_maze
+    assert len(pairs) == len(made.MAZES) * per_maze * (per_maze - 1) // 2
 
 
 def test_differences_are_those_of_made_rows() -> None:
@@ -31,6 +26,6 @@ def test_differences_are_those_of_made_rows() -> None:
     for (one, first), (two, second) in combinations(runs, 2):
         likeness = 0.5 if one == two else 0.4 if study.CURRICULA[2] not in (one, two) else 0.2
         pairs.append({"maze": "a", "one": two, "one_seed": second, "two": one, "two_seed": first})
-        pairs[-1]["spearman"] = str(likeness)
+        pairs[-1]["spearman"] = likeness
     assert study.differences(pairs, study.CURRICULA[:2]) == pytest.approx([0.1])
     assert study.differences(pairs, study.CURRICULA) == pytest.approx([0.5 - (0.4 + 0.2 + 0.2) / 3])

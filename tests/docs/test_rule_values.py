@@ -9,19 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rule_values
-from rule_values import (
-    COLUMNS,
-    RULES,
-    Key,
-    add_row,
-    capture_in_turns,
-    keys,
-    least_mean_steps,
-    prey_table,
-    read,
-    solved,
-)
+from analyses import script
 
 from pursuit.mazes.generation import generate_graph
 from pursuit.mazes.maze import Maze, load_maze
@@ -37,6 +25,9 @@ from scripted_agents.exact.joint.equilibrium import team_chase_game
 from scripted_agents.exact.joint.shapley_iteration import solve_infinite_horizon
 from scripted_agents.exact.joint.sweeps import Quantity
 
+made = script("rules", "make_rows")
+RULES = made.RULES
+
 
 def chase(maze: str, rule: str, chasers: int) -> Task:
     return Task(maze=maze, num_chasers=chasers, num_evaders=1, stay_action=True, **RULES[rule])
@@ -48,7 +39,7 @@ def sure(*games: list[list[int]]) -> list[bool]:
     pairs = np.cumsum([0, *shape[:, 0]])
     found = np.ones(len(games), dtype=bool)
     following = np.concatenate([np.ravel(game) for game in games]).astype(np.int32)
-    rule_values.find_sure_states(following, pairs, shape, found, np.zeros_like(found))
+    made.find_sure_states(following, pairs, shape, found, np.zeros_like(found))
     return found.tolist()
 
 
@@ -65,9 +56,9 @@ def test_a_mixed_strategy_ends_surely_where_no_pure_one_does() -> None:
 @pytest.mark.parametrize("rule", [rule for rule in RULES if "block" not in rule])
 @pytest.mark.parametrize("maze", ["3x3", "3x3-open"])
 def test_two_ways_to_solve_the_game_in_turns_agree(maze: str, rule: str) -> None:
-    teams, rounds = capture_in_turns(load_maze(maze), 2, rule)
+    teams, rounds = made.capture_in_turns(load_maze(maze), 2, rule)
     apart = (teams[:, :1] != teams[:, 1:]) & (teams[:, :, None] != np.arange(9)).all(axis=1)
-    forced, values = solved(replace(chase(maze, rule, 2), move_order="turns"))
+    forced, values = made.solved(replace(chase(maze, rule, 2), move_order="turns"))
     wanted = np.where(rounds > 0, (1.0 - 0.95**rounds) / 0.05, 20.0)[apart]
     np.testing.assert_allclose(np.sort(np.tile(wanted, 2)), np.sort(values), atol=1e-8)
     assert forced == pytest.approx((rounds[apart] > 0).mean())
@@ -75,13 +66,13 @@ def test_two_ways_to_solve_the_game_in_turns_agree(maze: str, rule: str) -> None
 
 def test_plain_rules_give_the_results_of_the_other_solvers() -> None:
     maze = load_maze("3x3")
-    teams, rounds = capture_in_turns(maze, 2, "cell")
+    teams, rounds = made.capture_in_turns(maze, 2, "cell")
     times = solve_in_turns(maze, 2).times
     assert times is not None
     apart = (teams[:, :, None] != np.arange(9)).all(axis=1)
     wanted = times[tuple(teams.T)].astype(int)
     np.testing.assert_array_equal(rounds[apart], wanted[apart])
-    _, values = solved(chase("3x3", "cell", 2))
+    _, values = made.solved(chase("3x3", "cell", 2))
     chased = solve_chase(maze, stay_action=True, num_chasers=2)
     assert values.mean() == pytest.approx(chased.mean_over_starts, abs=1e-8)
 
@@ -133,7 +124,7 @@ def test_the_value_of_moves_at_once_is_that_of_brute_force(rule: str) -> None:
         for now, table in follows.items():
             payoff = [[1.0 + 0.95 * before[after] for after in row] for row in table]
             values[now] = solve_matrix_game(payoff).value
-    _, found = solved(chase("2x2-open", rule, 2))
+    _, found = made.solved(chase("2x2-open", rule, 2))
     starts = [values[now] for now in cells if len(set(now)) == 3]
     bound = 20.0 * 0.95**150 + 1e-9
     assert found.mean() == pytest.approx(np.mean(starts), abs=bound)
@@ -158,8 +149,8 @@ def test_relative_cells_lose_nothing(order: str, prey_moves: int) -> None:
         maze=generate_graph("torus", 4, 4), num_chasers=2, num_evaders=1, stay_action=True,
         capture="adjacent", n_catch=2, collisions="block", move_order=order,
     )  # fmt: skip
-    whole = solve_joint(task, "chaser", {"evader": prey_table(16, prey_moves)}, None)
-    reduced = least_mean_steps(4, 2, 2, order, prey_moves)
+    whole = solve_joint(task, "chaser", {"evader": made.prey_table(16, prey_moves)}, None)
+    reduced = made.least_mean_steps(4, 2, 2, order, prey_moves)
     assert reduced.mean() == pytest.approx(whole.mean_over_starts, abs=1e-8)
 
 
@@ -171,17 +162,19 @@ def test_relative_cells_lose_nothing(order: str, prey_moves: int) -> None:
         ("escape", ("1", "2")),
     ],
 )
-def test_a_row_is_computed_as_it_stands_in_its_file(name: str, key: Key, tmp_path: Path) -> None:
-    found, kept = (add_row(folder, name, key) for folder in (tmp_path, rule_values.OUT))
+def test_a_row_is_computed_as_it_stands_in_its_file(
+    name: str, key: tuple[str, ...], tmp_path: Path
+) -> None:
+    found, kept = (made.add_row(folder, name, key) for folder in (tmp_path, made.OUT))
     assert {**found, "seconds": ""} == {**kept, "seconds": ""}
-    assert read(tmp_path / f"{name}.csv") == [found]
+    assert made.read(tmp_path / f"{name}.csv") == [found]
 
 
 def test_the_files_have_all_rows_and_only_these() -> None:
     rows = [
-        (name, tuple(row[part] for part in COLUMNS[name][1].split()))
-        for name in COLUMNS
-        for row in read(rule_values.OUT / f"{name}.csv")
+        (name, tuple(row[part] for part in made.COLUMNS[name][1].split()))
+        for name in made.COLUMNS
+        for row in made.read(made.OUT / f"{name}.csv")
     ]
-    assert sorted(rows) == sorted(keys())
-    assert set(keys(short=True)) < set(rows)
+    assert sorted(rows) == sorted(made.keys())
+    assert set(made.keys(short=True)) < set(rows)

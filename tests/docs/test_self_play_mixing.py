@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from math import exp, log
-from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-import numpy as np
 import pytest
+from analyses import DATA, RESULTS, script
+
+from train.experiments.committed import grouped
+from train.experiments.recorded import read_recorded
+from train.experiments.tuning import score
 
 Row = dict[str, Any]
 
 
-analysis = import_module("self_play_mixing")
+STUDY = DATA / "self_play_mixing"
+analysis = script("self_play_mixing")
 
 
 def conv(method: str, share: float, game: str, seed: int) -> float:
@@ -30,7 +33,7 @@ def conv(method: str, share: float, game: str, seed: int) -> float:
 def rows() -> list[Row]:
     """A row for every judged game, method and seed."""
     found = []
-    for game, about in analysis.properties().items():
+    for game, about in analysis.properties(STUDY).items():
         scale = 2.0 + len(game) % 3
         for method in ("ppo", *analysis.RIVALS):
             for seed in range(3):
@@ -44,21 +47,17 @@ def rows() -> list[Row]:
     return found
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "results" / "self_play_mixing.md"
+PAGE = RESULTS / "self_play_mixing.md"
 
 
-def test_the_tables_of_the_page_are_those_of_the_rows() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    tables = [*analysis.tables().values(), import_module("self_play_mixing_settings").tables()]
-    tables += import_module("self_play_entropy").tables().values()
-    for table in tables:
-        assert table and table in page, table
-    assert page.count("\n| ---") == sum(table.count("\n| ---") for table in tables) > 1
-    assert len(analysis.judged()) + len(analysis.judged(matrix=True)) == 558 + 28
+def test_all_judged_runs_have_rows() -> None:
+    both = [analysis.judged(STUDY, matrix) for matrix in (False, True)]
+    assert sum(map(len, both)) == 558 + 28
 
 
 def test_the_answer_follows_from_the_rows() -> None:
-    own, matrix = analysis.judged(), analysis.judged(matrix=True)
+    about = analysis.properties(STUDY)
+    own, matrix = analysis.judged(STUDY), analysis.judged(STUDY, matrix=True)
     logs = analysis.ratios(analysis.logs_of(own, "ppo"), analysis.logs_of(own, "mmd"))
     share = analysis.shares(own)
     page = " ".join(PAGE.read_text(encoding="utf-8").split())
@@ -67,11 +66,11 @@ def test_the_answer_follows_from_the_rows() -> None:
     least, most = (100 * end(share[game] for game in above) for end in (min, max))
     assert f"in {len(above) - len(behind)} of {len(above)} fully observed zero-sum games" in page
     assert f"with {least:.0f} to {most:.0f} % mixing" in page
-    values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix)}
+    values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix, about)}
     ratio, low, high = values["PPO / MMD, games above 5 %"]
     assert f"ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
-    exchanged = import_module("self_play_entropy").by_stratum(own)
-    ppo, small, large, mmd = (row["above 5 %"] for row in exchanged)
+    exchanged = read_recorded(DATA / "self_play_entropy" / "runs.csv").values()
+    ppo, small, large, mmd = (row["above 5 %"] for row in analysis.by_bonus(own, [*exchanged]))
     assert (
         f"the NashConv of PPO there by {ppo / small:.2f}, and that of MMD by {large / mmd:.2f}"
         in page
@@ -82,14 +81,18 @@ def test_the_answer_follows_from_the_rows() -> None:
         f"Between the two settings of PPO it is {values['slope of PPO by default / PPO'][0]:.1f}"
         in page
     )
-    ranges = [about["scaled_range"] for about in analysis.properties().values()]
+    ranges = [game["scaled_range"] for game in about.values()]
     assert f"up to {max(ranges) / min(ranges):.1f} times as strong" in page
-    settings = import_module("self_play_mixing_settings")
-    leads = []
+    tuning = [*read_recorded(STUDY / "tuning.csv").values()]
+    top, leads = max(row["rung"] for row in tuning), []
     for method in ("ppo", "mmd"):
-        scores = sorted(settings.score(runs) for runs in settings.trials()[method].values())
+        last = [row for row in tuning if (row["variant"], row["rung"]) == (method, top)]
+        scores = sorted(score(runs) for runs in grouped(last, "trial").values())
         leads.append(exp(scores[1] - scores[0]))
     assert f"by a factor of {leads[0]:.1f} (PPO) and {leads[1]:.1f} (MMD)" in page
+    ends = {m: analysis.near_ends(m, runs[0]) for m, runs in analysis.chosen(tuning).items()}
+    near = "; ".join(f"{method}: {found}" for method, found in ends.items() if found)
+    assert f"Near the end of a range: {near}." in page
     lines = {row["what"]: row for row in analysis.comparisons(own)}
     passed = [what for what, row in lines.items() if row["p_holm"] < 0.05]
     likely = [f"{method} / ppo, mixed share above 5 %" for method in ("mmd", "rnad", "pfsp")]
@@ -98,25 +101,12 @@ def test_the_answer_follows_from_the_rows() -> None:
 
 
 def test_slopes_are_those_of_the_rows() -> None:
-    found = {row["what"]: row for row in analysis.slopes(rows())}
-    assert len(analysis.properties()) == 29
+    found = {row["what"]: row for row in analysis.slopes(rows(), analysis.properties(STUDY))}
+    assert len(analysis.properties(STUDY)) == 29
     for what in ("primary: bootstrap over games", "primary: HC3", "mazes only"):
         assert found[what]["slope"] == pytest.approx([2.0] * 3, abs=1e-6), what
     assert found["primary: HC3"]["games"] == 29
     assert found["Spearman's rank correlation"]["slope"] > 0.99  # games with share 0 are equal
-
-
-def test_robust_errors_are_those_of_leaving_one_game_out() -> None:
-    rng = np.random.default_rng(0)
-    x = np.stack([rng.random(12), np.ones(12)], axis=1)
-    y = 3.0 * x[:, 0] + rng.normal(size=12) * (1.0 + 4.0 * x[:, 0])
-    found, error = analysis.fit(x, y)
-    assert found == pytest.approx(np.linalg.lstsq(x, y, rcond=None)[0])
-    without = [
-        np.linalg.lstsq(np.delete(x, i, axis=0), np.delete(y, i), rcond=None)[0] for i in range(12)
-    ]
-    # HC3 is the sum of squared changes by leaving one observation out (MacKinnon and White, 1985).
-    assert error == pytest.approx(np.sqrt(((np.array(without) - found) ** 2).sum(axis=0)))
 
 
 def test_a_failed_run_counts_as_the_whole_range() -> None:

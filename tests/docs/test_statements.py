@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import subprocess
 from collections import Counter
@@ -13,8 +12,8 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
+from analyses import DATA, script, tables_of
 from scipy.stats import binomtest, mannwhitneyu
-from test_results_tables import data, elo_orders, elo_pairs, thesis_claims
 
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suites import load_suite
@@ -28,6 +27,8 @@ from scripted_agents import (
     solve_chase,
 )
 from scripted_agents.environments import make_env, single_agent_arguments
+from train.experiments.committed import grouped, read_table
+from train.files import read_csv
 from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 
@@ -35,6 +36,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""
+
+
+def data(name: str) -> list[dict[str, str]]:
+    """The rows of a file, such as "libraries/runs"."""
+    return read_csv(DATA / f"{name}.csv")
 
 
 def text_of(page: str) -> str:
@@ -80,9 +86,8 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
         for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
             assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
-    for table in sorted((DOCS / "results" / "data").rglob("*.csv")):
-        with table.open(encoding="utf-8", newline="") as lines:
-            own = {row["commit"] for row in csv.DictReader(lines) if row.get("commit")}
+    for table in sorted(DATA.rglob("*.csv")):
+        own = {row["commit"] for row in read_csv(table) if row.get("commit")}
         assert own - REBASED <= commits, table
 
 
@@ -167,7 +172,7 @@ def test_gru_and_stacked_observations_are_not_told_apart() -> None:
 
 
 def test_how_many_claims_of_the_thesis_are_decided() -> None:
-    verdicts = Counter(row[5] for row in thesis_claims())
+    verdicts = Counter(re.findall(r"\| (\w+) \|$", tables_of("thesis")["claims"], re.MULTILINE)[1:])
     assert verdicts == {"confirmed": 10, "refuted": 6, "undecided": 5}
     said = text_of("results/thesis.md")
     runs = data("thesis/runs")
@@ -194,16 +199,19 @@ def test_how_many_claims_of_the_thesis_are_decided() -> None:
 
 
 def test_what_is_said_of_elo() -> None:
-    orders = list(elo_orders())
-    (seed,) = (row[0] for row in orders if row[3] == "yes")
+    rows = read_table(DATA / "elo" / "snapshots.csv")
+    orders = script("elo").orders(rows)
+    (seed,) = (row["seed"] for row in orders if row["supports the claim"] == "yes")
     said = text_of("results/elo.md")
     p = binomtest(1, len(orders)).pvalue
     assert f"one of ten runs supports it (p = {p:.3f}), seed {seed}" in said and len(orders) == 10
-    whole = [tau for row in orders if row[0] != seed for tau in row[1]]
+    others = grouped((row for row in rows if row["seed"] != seed), "seed", "role")
+    whole = [script("elo").agreement(own) for own in others.values()]
     assert f"tau {min(whole):.2f} to {max(whole):.2f} over the whole run" in said
-    near, *_, far = ([*row[1], *row[2]] for row in elo_pairs())
-    assert f"{near[0]:.0f} % of the pairs of chasers and {near[1]:.0f} % of evaders" in said
-    assert f"at least 16 apart, {far[0]:.1f} and {far[1]:.1f} %" in said
+    near, *_, far = ([*row.values()][1:] for row in script("elo").pairs(rows))
+    shares = [f"{float(text.removesuffix(' %')):.0f} %" for text in near]
+    assert f"{shares[0]} of the pairs of chasers and {shares[1]} of evaders" in said
+    assert f"at least 16 apart, {far[0].removesuffix(' %')} and {far[1]}" in said
 
 
 def test_the_first_page_says_which_runs_are_behind_the_scripted_agent() -> None:

@@ -13,6 +13,7 @@ import tyro
 from pursuit.validation import check, rule
 from train.commands.parse import parse
 from train.commands.progress import ProgressLine
+from train.experiments.analysis import ANALYSIS, is_of_analysis, report_analysis
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
 from train.runs.folder import CONFIG
@@ -29,17 +30,21 @@ class ReportCommand(Settings):
     folder. For several runs, sweeps and ablations, one report on all of them is written to --out.
     Every report has table.csv and runs.csv, a row per run. A run that was interrupted before its
     last evaluation is evaluated first.
+
+    Of a folder with analysis.py, such as docs/results/data/curricula, the tables and figures of the
+    results page are written: its functions tables(data) and figures(data, out) are called, which
+    --allow analysis permits.
     """
 
     folders: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
-    """Folders of runs, sweeps and ablations."""
+    """Folders of runs, sweeps and ablations, or one with analysis.py."""
     x: Annotated[str | None, TIME_UNIT] = None
     """The axis of training time: frames or seconds; by default that of the budget."""
     log: bool = False
     """Make that axis logarithmic."""
     out: Path | None = None
-    """The folder of a report on several folders; by default comparison, or for a single run the
-    subfolder report."""
+    """The folder of a report on several folders; by default comparison, for a single run the
+    subfolder report, and for an analysis the folder report here."""
     overwrite: bool = False
     """Write to --out even if it has other files, and replace those with the same names."""
 
@@ -55,10 +60,17 @@ def report(arguments: Sequence[str]) -> None:
         report_on,
         report_several,
     )
+    from train.experiments.runs import LAYOUT
     from train.kinds import evaluate_runs
 
     only = options.folders[0] if len(options.folders) == 1 else None
-    if only is not None and not (only / CONFIG).exists() and options.out is None:
+    kept = only is not None and any((only / name).exists() for name in (CONFIG, LAYOUT))
+    if only is not None and not kept and (only / ANALYSIS).is_file():
+        check(not options.log and options.x is None, "--x and --log do not apply to an analysis")
+        out = options.out or Path("report")
+        check_output_folder(out, is_of_analysis, options.overwrite)
+        written = report_analysis(only, out)
+    elif only is not None and not (only / CONFIG).exists() and options.out is None:
         written = report_on(only, options.x, options.log)
     else:
         out = options.out or (Path("comparison") if only is None else only / "report")

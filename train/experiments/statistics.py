@@ -96,6 +96,35 @@ def _welch(samples: Sequence[tuple[NDArray[np.float64], float]], level: float) -
     return mean - half, mean + half
 
 
+def ratio_with_interval(logs: Sequence[float]) -> list[float]:
+    """A geometric mean of ratios and its 95 % interval, from their logarithms, as `mean_interval`:
+    [ratio, low, high]."""
+    return [float(np.exp(value)) for value in (np.mean(logs), *mean_interval([logs]))]
+
+
+def regression(y: ArrayLike, *columns: ArrayLike) -> list[list[float]]:
+    """Ordinary least squares with intervals that allow for unequal variances.
+
+    Standard errors are those of MacKinnon and White (1985), HC3; intervals are Student's.
+
+    Args:
+        y: [n].
+        columns: [n] each; a constant is added.
+
+    Returns:
+        [coefficient, low, high], with its 95 % interval, of each column and of the constant, last.
+    """
+    outcome = np.asarray(y, dtype=np.float64)
+    x = np.stack([*map(np.asarray, columns), np.ones(len(outcome))], axis=1)
+    inverse = np.linalg.inv(x.T @ x)
+    fitted = inverse @ x.T @ outcome
+    leverage = ((x @ inverse) * x).sum(axis=1)
+    weights = ((outcome - x @ fitted) / (1.0 - leverage)) ** 2
+    errors = np.sqrt(np.diag(inverse @ (x.T * weights) @ x @ inverse))
+    half = student.ppf(0.975, len(outcome) - len(fitted)) * errors
+    return np.stack([fitted, fitted - half, fitted + half], axis=1).tolist()
+
+
 def improvement(ours: ArrayLike, theirs: ArrayLike) -> NDArray[np.float64]:
     """The share of pairs with the lower value in `ours`; ties count half.
 

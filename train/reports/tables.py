@@ -7,7 +7,9 @@ import sys
 import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import floor, isfinite, log10
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from rich.console import Console
@@ -111,9 +113,30 @@ def in_lines(facts: Mapping[str, str], width: int) -> str:
     return "\n".join(f"{name:<{width}}{text}" for name, text in facts.items())
 
 
-def plain_table(rows: list[Row]) -> ResultTable:
-    """A table of unformatted rows with equal names."""
-    return ResultTable(rows, [words(name) for name in rows[0]] if rows else [])
+def plain_table(rows: list[Row], heads: Mapping[str, str] = MappingProxyType({})) -> ResultTable:
+    """A table of rows with equal names, their values as `plain_text`.
+
+    Args:
+        rows: at least one for a table with columns.
+        heads: the headings by name of the columns whose heading is not their name.
+    """
+
+    def column(name: str) -> Column:
+        return Column(heads.get(name, name), lambda row: plain_text(row[name]), left=True)
+
+    return ResultTable(rows, [column(name) for name in rows[0]] if rows else [])
+
+
+def plain_text(value: object) -> str:
+    """A value as text: a number with three digits, at most four of them behind the point; of a list
+    [value, low, high] the value and its interval; None is empty."""
+    if isinstance(value, list):
+        center, low, high = map(plain_text, value)
+        return f"{center} [{low}, {high}]"
+    if isinstance(value, float) and isfinite(value):
+        digits = max(2 - floor(log10(abs(value))), 0) if value else 0
+        return "< 0.0001" if 0.0 < value < 1e-4 else f"{value:.{min(digits, 4)}f}"
+    return "" if value is None else str(value)
 
 
 def print_table(table: ResultTable, width: int = 120) -> None:

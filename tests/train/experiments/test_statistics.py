@@ -24,6 +24,8 @@ from train.experiments.statistics import (
     mean_over,
     permutation_p,
     probability_of_improvement,
+    ratio_with_interval,
+    regression,
 )
 
 SPREAD: dict[str, tuple[float, Callable[..., Any]]] = {
@@ -269,3 +271,27 @@ def test_the_mean_over_a_curve_is_its_area_over_its_range() -> None:
     assert mean_over([0.0, 1.0, 3.0], [0.0, 2.0, 2.0]) == pytest.approx(5.0 / 3.0)
     assert mean_over([0.0, 1.0, 1.0], [0.0, 2.0, 4.0]) == pytest.approx(1.0)
     assert mean_over([2.0, 2.0], [1.0, 5.0]) == mean_over([2.0], [5.0]) == 5.0
+
+
+def test_robust_errors_are_those_of_leaving_one_observation_out() -> None:
+    rng = np.random.default_rng(0)
+    x, noise = rng.random((12, 2)), rng.normal(size=12)
+    y = 3.0 * x[:, 0] + noise * (1.0 + 4.0 * x[:, 1])
+    found, low, high = np.array(regression(y, *x.T)).T
+    design = np.column_stack([x, np.ones(12)])
+
+    def fitted(left: Any) -> Any:
+        return np.linalg.lstsq(design[left], y[left], rcond=None)[0]
+
+    assert found == pytest.approx(fitted(np.ones(12, dtype=bool)))
+    without = [fitted(np.arange(12) != one) for one in range(12)]
+    # HC3 is the sum of squared changes by leaving one observation out (MacKinnon and White, 1985).
+    errors = np.sqrt(((np.array(without) - found) ** 2).sum(axis=0))
+    assert (high - low) / 2.0 == pytest.approx(stats.t.ppf(0.975, 9) * errors)
+    assert (high + low) / 2.0 == pytest.approx(found)
+
+
+def test_the_interval_of_a_ratio_is_that_of_its_logarithms() -> None:
+    logs = [0.1, -0.2, 0.4]
+    expected = np.exp([np.mean(logs), *mean_interval([logs])])
+    assert ratio_with_interval(logs) == pytest.approx(expected.tolist())

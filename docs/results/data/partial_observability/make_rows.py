@@ -1,6 +1,6 @@
 """Optimal and scripted chasers with a limited view: data of docs/results/partial_observability.md.
 
-    python tools/limited_views.py [--out docs/results/data/partial_observability]
+    python docs/results/data/partial_observability/make_rows.py [--out FOLDER]
 
 It writes bounds.csv (proven bounds of the optimum against `AStarEvader(0.2)`, discount 0.95) and
 scripted.csv (mean steps of scripted chasers against it), in some five minutes of one core.
@@ -98,11 +98,12 @@ def scripted() -> Iterator[Row]:
 
 def main() -> None:
     """Write both files."""
-    here = Path(__file__).parents[1] / "docs" / "results" / "data" / "partial_observability"
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=here, help="the folder of the files")
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent, help="the folder of the files"
+    )
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     for name, rows in (("bounds", bounds()), ("scripted", scripted())):

@@ -1,6 +1,6 @@
 """One run of docs/results/pursuit_v5.md: train, then play inside PettingZoo's pursuit_v5.
 
-    PYTHONPATH=. OMP_NUM_THREADS=1 python tools/pursuit_v5_study.py LEARNER SEED [--seconds S]
+    OMP_NUM_THREADS=1 python docs/results/data/pursuit_v5/make_rows.py LEARNER SEED [--seconds S]
 
 LEARNER is ippo or mappo (the preset sisl-pursuit), ippo-local (each agent with its own rewards),
 sb3 (Stable-Baselines3 with SuperSuit, the network and the hyperparameters of PettingZoo's tutorial
@@ -34,7 +34,7 @@ from train.runs.folder import RUN
 from train.settings.presets import TASK_PRESETS, preset_task
 from train.settings.task import TaskSettings
 
-OUT = Path(__file__).parents[1] / "docs" / "results" / "data" / "pursuit_v5"
+OUT = Path(__file__).parent
 EPISODES, FIRST_SEED = 12, 1_000_000
 """Episodes of a score in PettingZoo, and the seed of the first one, which no training uses."""
 SIMULATED = 100
@@ -114,6 +114,7 @@ def simulated(policy: Any, seed: int) -> Played:
 
 
 def main() -> None:
+    """Train, play, and add the rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("learner")
     parser.add_argument("seed", type=int)

@@ -1,6 +1,6 @@
 """Compute the rows of docs/results/rules.md: exact values of chases with options of the rules.
 
-    PYTHONPATH=. python tools/rule_values.py [--short] [--out FOLDER]
+    python docs/results/data/rules/make_rows.py [--short] [--out FOLDER]
 
 It writes `capture.csv`, `classical.csv` and `escape.csv`. Rows that exist are kept, so that an
 interrupted run goes on; `--short` adds only the rows that take about a second.
@@ -35,7 +35,7 @@ from train.evaluation.matchups import play_pair
 from train.files import read_csv, write_csv
 from train.machine import processor
 
-OUT = Path(__file__).parents[1] / "docs" / "results" / "data" / "rules"
+OUT = Path(__file__).parent
 DISCOUNT = 0.95
 """Of a step in the equilibrium values of `capture.csv`: 20 steps if there is never a capture."""
 HORIZON = 100

@@ -1,14 +1,10 @@
-"""The analysis of the study of self-play by mixed share: tables and figures of its page.
+"""Tables and figures of docs/results/self_play_mixing.md, the study of self-play by mixed share.
 
-    python tools/self_play_mixing.py
-
-It reads runs.csv and games.csv in docs/results/data/self_play_mixing/, prints the tables of
-docs/results/self_play_mixing.md and draws its figures. A test compares the page with these numbers.
+The runs with exchanged entropy bonuses are in ../self_play_entropy/runs.csv.
 """
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
 from pathlib import Path
@@ -17,12 +13,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import spearmanr, t, ttest_1samp
+from scipy.stats import spearmanr, ttest_1samp
 
+from train.experiments.committed import ablation_of, chosen_trials, read_table, tried_settings
 from train.experiments.recorded import read_recorded
-from train.experiments.statistics import holm, mean_interval
+from train.experiments.search import Range, range_of
+from train.experiments.statistics import holm, ratio_with_interval, regression
+from train.experiments.tuning import score
+from train.reports.figures import pyplot, save
+from train.reports.tables import plain_table
 
-DATA = Path(__file__).parents[1] / "docs" / "results" / "data" / "self_play_mixing"
+FILES = ("self-play-mixing", "self-play-mixing-populations")
+"""The files of the study."""
 LEAST = 1e-3
 """Added to NashConv, in shares of the range of returns."""
 STRATA = (("0", 0.0), ("below 1 %", 0.01), ("1 to 5 %", 0.05), ("above 5 %", 1.0))
@@ -43,16 +45,14 @@ RESAMPLES = 10_000
 Row = dict[str, Any]
 Array = NDArray[np.float64]
 Logs = dict[str, float]
+Properties = dict[str, Row]
+"""The rows of games.csv by game."""
 
 
-def rows_of(name: str = "runs") -> list[Row]:
-    """The rows of a file."""
-    return [*read_recorded(DATA / f"{name}.csv").values()]
-
-
-def judged(matrix: bool = False) -> list[Row]:
+def judged(data: Path, matrix: bool = False) -> list[Row]:
     """The judged runs of the games of the analysis, or of the matrix games."""
-    rows = [row for row in rows_of() if row["budget_frames"] == FRAMES]
+    every = read_recorded(data / "runs.csv").values()
+    rows = [row for row in every if row["budget_frames"] == FRAMES]
     return [row for row in rows if row["game"].startswith(MATRIX) == matrix]
 
 
@@ -84,24 +84,11 @@ def ratios(one: Logs, other: Logs) -> Logs:
     return {game: one[game] - other[game] for game in one if game in other}
 
 
-def fit(x: Array, y: Array) -> tuple[Array, Array]:
-    """Ordinary least squares of y [n] on columns x [n, k]: the coefficients, and their standard
-    errors that are robust to unequal variances (HC3; MacKinnon and White, 1985)."""
-    inverse = np.linalg.inv(x.T @ x)
-    found = inverse @ x.T @ y
-    leverage = ((x @ inverse) * x).sum(axis=1)
-    weights = ((y - x @ found) / (1.0 - leverage)) ** 2
-    return found, np.sqrt(np.diag(inverse @ (x.T * weights) @ x @ inverse))
-
-
-def slope_of(own: Logs, regressor: Logs, *others: Logs) -> Row:
-    """The slope over games of a log-ratio on a regressor, beside others: "slope" with its interval
-    by HC3 and Student's t, and the number of games."""
-    y = np.array([*own.values()])
-    columns = [np.array([column[game] for game in own]) for column in (regressor, *others)]
-    found, error = fit(np.stack([*columns, np.ones(len(y))], axis=1), y)
-    half = t.ppf(0.975, len(y) - len(found)) * error[0]
-    return {"games": len(y), "slope": [float(found[0] + sign * half) for sign in (0, -1, 1)]}
+def slope_of(own: Logs, *regressors: Logs) -> Row:
+    """The slope over games of a log-ratio on the first regressor: "slope" with its interval, and
+    the number of games."""
+    columns = [[column[game] for game in own] for column in regressors]
+    return {"games": len(own), "slope": regression([*own.values()], *columns)[0]}
 
 
 def bootstrapped(own: Logs, share: Logs) -> list[float]:
@@ -120,13 +107,11 @@ def bootstrapped(own: Logs, share: Logs) -> list[float]:
 
 def ratio_at(own: Logs, share: Logs, where: float) -> list[float]:
     """The ratio at a mixed share on the line of least squares, with its interval by HC3."""
-    x, y = np.array([share[game] - where for game in own]), np.array([*own.values()])
-    found, error = fit(np.stack([x, np.ones(len(y))], axis=1), y)
-    half = t.ppf(0.975, len(y) - 2) * error[1]
-    return [float(np.exp(found[1] + sign * half)) for sign in (0, -1, 1)]
+    constant = regression([*own.values()], [share[game] - where for game in own])[-1]
+    return [float(np.exp(value)) for value in constant]
 
 
-def slopes(rows: Sequence[Row]) -> list[Row]:
+def slopes(rows: Sequence[Row], about: Properties) -> list[Row]:
     """The primary endpoint, the slope of log(PPO / MMD) on the mixed share, and how far it depends
     on games, weights and regressors."""
     own, share = ratios(logs_of(rows, PPO), logs_of(rows, MMD)), shares(rows)
@@ -149,7 +134,6 @@ def slopes(rows: Sequence[Row]) -> list[Row]:
         logs = logs_of(rows, PPO, f"nash_conv_{one}"), logs_of(rows, MMD, f"nash_conv_{other}")
         what = f"{one} weights of PPO, {other} weights of MMD"
         found.append({"what": what, **slope_of(ratios(*logs), share)})
-    about = properties()
     sizes = [
         {game: float(np.log(row[name])) for game, row in about.items()}
         for name in ("joint_actions", "most_actions")
@@ -170,14 +154,14 @@ def slopes(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-def contrary(rows: Sequence[Row], matrix: Sequence[Row]) -> list[Row]:
+def contrary(rows: Sequence[Row], matrix: Sequence[Row], about: Properties) -> list[Row]:
     """What does not fit the slope, or depends on settings: slopes by HC3, geometric means of ratios
     with their intervals, and rank correlations."""
     ppo, mmd, share = logs_of(rows, PPO), logs_of(rows, MMD), shares(rows)
     own, default = ratios(ppo, mmd), logs_of(rows, RIVALS[1])
     every = [*rows, *matrix]
     above = {game: value for game, value in own.items() if stratum(share[game]) == STRATA[-1][0]}
-    scaled = [row["scaled_range"] for row in map(properties().__getitem__, own)]
+    scaled = [about[game]["scaled_range"] for game in own]
     found: list[Row] = [
         {"what": what, "games": len(logs), "value": slope_of(logs, by)["slope"]}
         for what, logs, by in (
@@ -193,9 +177,8 @@ def contrary(rows: Sequence[Row], matrix: Sequence[Row]) -> list[Row]:
         ("PSRO / PPO, upper bound of PSRO", ratios(logs_of(rows, "psro"), ppo)),
         ("PSRO / PPO, lower bound of PSRO", ratios(logs_of(rows, "psro", "mixture_low"), ppo)),
     ):
-        values = [*logs.values()]
-        ends = np.exp([fmean(values), *mean_interval([values])]).tolist()
-        found.append({"what": what, "games": len(values), "value": ends})
+        ratio = ratio_with_interval([*logs.values()])
+        found.append({"what": what, "games": len(logs), "value": ratio})
     for what, by in (
         ("the mixed share", [share[game] for game in own]),
         ("the range of scaled returns", scaled),
@@ -206,12 +189,9 @@ def contrary(rows: Sequence[Row], matrix: Sequence[Row]) -> list[Row]:
     return found
 
 
-def properties() -> dict[str, Row]:
-    """The rows of games.csv by game; see `measure_games`."""
-    with (DATA / "games.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    numbers = {n: float for n in rows[0] if n != "game"}
-    return {row["game"]: {n: numbers[n](row[n]) for n in numbers} for row in rows}
+def properties(data: Path) -> Properties:
+    """The rows of games.csv by game; see `measure_games` in make_rows.py."""
+    return {row["game"]: row for row in read_table(data / "games.csv")}
 
 
 def comparisons(rows: Sequence[Row]) -> list[Row]:
@@ -238,9 +218,8 @@ def comparisons(rows: Sequence[Row]) -> list[Row]:
             lines.append((f"{method} / ppo", [*ratios(logs, ppo).values()]))
     found: list[Row] = []
     for what, values in lines:
-        ends = np.exp([fmean(values), *mean_interval([values])]).tolist()
-        p = float(ttest_1samp(values, 0.0).pvalue)
-        found.append({"what": what, "games": len(values), "ratio": ends, "p": p})
+        line: Row = {"what": what, "games": len(values), "ratio": ratio_with_interval(values)}
+        found.append(line | {"p": float(ttest_1samp(values, 0.0).pvalue)})
     for row, p in zip(found, holm([row["p"] for row in found]), strict=True):
         row["p_holm"] = p
     return found
@@ -302,25 +281,97 @@ def improved(rows: Sequence[Row]) -> list[Row]:
     return found
 
 
-def shown(value: object) -> str:
-    """A cell of a table: numbers with three digits, an interval behind its centre."""
-    if isinstance(value, list):
-        center, low, high = (shown(number) for number in value)
-        return f"{center} [{low}, {high}]"
-    if isinstance(value, float):
-        digits = 0 if value == 0.0 else max(2 - int(np.floor(np.log10(abs(value)))), 0)
-        return "< 0.0001" if 0.0 < value < 1e-4 else f"{value:.{min(digits, 4)}f}"
-    return "" if value is None else str(value)
+# -- exchanged entropy bonuses ---------------------------------------------------------------------
 
 
-def markdown(rows: Sequence[Row]) -> str:
-    """Rows as a table."""
-    if not rows:
-        return ""
-    heads = [*dict.fromkeys(name for row in rows for name in row)]
-    cells = ([shown(row.get(name)) for name in heads] for row in rows)
-    lines = [heads, ["---"] * len(heads), *cells]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def by_bonus(rows: Sequence[Row], exchanged: Sequence[Row]) -> list[Row]:
+    """PPO and MMD, each with the entropy bonus of both; of seed 0 on all games: NashConv by stratum
+    in per cent of the range."""
+    share, found = shares(rows), []
+    for (method, bonus), logs in with_bonuses(rows, exchanged).items():
+        line: Row = {"method": method, "entropy bonus of": bonus}
+        for name, _ in STRATA:
+            part = [value for game, value in logs.items() if stratum(share[game]) == name]
+            line[name] = 100.0 * (float(np.exp(fmean(part))) - LEAST)
+        found.append(line)
+    return found
+
+
+def with_bonuses(rows: Sequence[Row], exchanged: Sequence[Row]) -> dict[tuple[str, str], Logs]:
+    """By method and whose bonus it has: its logarithms by game."""
+    own = [*(row for row in rows if row["seed"] == 0), *exchanged]
+    names = {(PPO, PPO): PPO, (PPO, MMD): "ppo, entropy of mmd",
+             (MMD, PPO): "mmd, entropy of ppo", (MMD, MMD): MMD}  # fmt: skip
+    return {pair: logs_of(own, name) for pair, name in names.items()}
+
+
+def slopes_by_bonus(rows: Sequence[Row], exchanged: Sequence[Row]) -> list[Row]:
+    """The slopes on the mixed share of the ratios between the four of `by_bonus`."""
+    logs, share, found = with_bonuses(rows, exchanged), shares(rows), []
+    for one, other, what in (
+        ((PPO, PPO), (MMD, MMD), "PPO / MMD, each with its own bonus"),
+        ((PPO, PPO), (MMD, PPO), "PPO / MMD, both with the bonus of PPO"),
+        ((PPO, MMD), (MMD, MMD), "PPO / MMD, both with the bonus of MMD"),
+        ((PPO, PPO), (PPO, MMD), "PPO, bonus of PPO / bonus of MMD"),
+        ((MMD, PPO), (MMD, MMD), "MMD, bonus of PPO / bonus of MMD"),
+    ):
+        own = ratios(logs[one], logs[other])
+        line = {"what": what, "games": len(own), "slope": bootstrapped(own, share)}
+        found.append(line | {"ratio at 0.5": ratio_at(own, share, 0.5)})
+    return found
+
+
+# -- settings --------------------------------------------------------------------------------------
+
+
+def chosen(tuning: Sequence[Row]) -> dict[str, list[Row]]:
+    """By method the runs of the trial that was chosen."""
+    files = map(ablation_of, FILES)
+    return {method: own for file in files for method, own in chosen_trials(file, tuning).items()}
+
+
+def near_ends(method: str, row: Row) -> str:
+    """The chosen numbers within a tenth of the end of their range, on its scale, and the first or
+    last of at least three choices."""
+    found = []
+    for file_name in FILES:
+        tuning = ablation_of(file_name).tuning
+        space = {} if tuning is None else tuning.space.get(method, {})
+        for name, given in space.items():
+            form, value = range_of(name, given), row[name]
+            if isinstance(form, Range):
+                ends, scale = (form.low, form.high), np.log if form.scale == "log" else float
+                low, high, place = (float(scale(each)) for each in (*ends, value))
+                near = not 0.1 <= (place - low) / (high - low) <= 0.9
+            else:
+                ends = form.choices[0], form.choices[-1]
+                near = len(form.choices) > 2 and value in ends
+            if near:
+                found.append(f"{name} {value:g} in {ends[0]:g} to {ends[1]:g}")
+    return ", ".join(found)
+
+
+def stopped(tuning: Sequence[Row]) -> list[Row]:
+    """Of every method on how many tuning games twice the frames do not lower NashConv + `LEAST` of
+    its chosen setting below 80 %, between the last two rungs."""
+    found = []
+    for method, last in chosen(tuning).items():
+        names = ("variant", "trial")
+        same = [row for row in tuning if all(row[name] == last[0][name] for name in names)]
+        earlier = {row["game"]: row for row in same if row["rung"] == last[0]["rung"] - 1}
+        ends = [score([row]) - score([earlier[row["game"]]]) for row in last]
+        falls = sum(end < np.log(0.8) for end in ends)
+        rises = sum(end > np.log(1.25) for end in ends)
+        line: Row = {"method": method, "frames": last[0]["budget_frames"], "games": len(ends)}
+        found.append(line | {"stopped": len(ends) - falls, "of these rises": rises})
+    return found
+
+
+def settings(tuning: Sequence[Row]) -> list[Row]:
+    """A column for every method, and a row for every setting."""
+    best = {method: tried_settings(own[0]) for method, own in chosen(tuning).items()}
+    names = dict.fromkeys(name for own in best.values() for name in own)
+    return [{"setting": n} | {m: str(own.get(n, "")) for m, own in best.items()} for n in names]
 
 
 # -- figures ---------------------------------------------------------------------------------------
@@ -328,12 +379,10 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def draw_ratios(path: Path, rows: Sequence[Row]) -> None:
     """The ratio of PPO to MMD over the mixed share, a point for each game."""
-    from matplotlib import pyplot
-
     own, share = ratios(logs_of(rows, PPO), logs_of(rows, MMD)), shares(rows)
     x = np.array([100.0 * share[game] for game in own])
     y = np.exp([*own.values()])
-    figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
+    figure, axis = pyplot().subplots(figsize=(7.2, 4.2), layout="constrained")
     axis.axhline(1.0, color="0.6", lw=1.0)
     ends = np.linspace(0.0, max(share.values()), 201)
     line = [ratio_at(own, share, float(at))[0] for at in ends]
@@ -350,17 +399,14 @@ def draw_ratios(path: Path, rows: Sequence[Row]) -> None:
     axis.set_xlabel("mixed share of the game (%)")
     axis.set_ylabel("NashConv of PPO / of MMD\n(below 1: PPO is nearer)")
     axis.legend(frameon=False)
-    figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+    save(figure, path, dpi=150)
 
 
 def draw_curves(path: Path, rows: Sequence[Row]) -> None:
     """NashConv over frames of all methods in one game of each stratum; medians over seeds."""
-    from matplotlib import pyplot
-
     share = shares(rows)
     populations = {row["game"] for row in rows if row["variant"] == POPULATIONS[0]}
-    figure, axes = pyplot.subplots(2, 2, figsize=(9.0, 6.4), layout="constrained",
+    figure, axes = pyplot().subplots(2, 2, figsize=(9.0, 6.4), layout="constrained",
                                   sharex=True, sharey=True)  # fmt: skip
     for (name, _), axis in zip(STRATA, axes.ravel(), strict=True):
         games = [game for game, own in share.items() if stratum(own) == name]
@@ -386,34 +432,33 @@ def draw_curves(path: Path, rows: Sequence[Row]) -> None:
         axis.set_xlabel("million frames")
     for axis in axes[:, 0]:
         axis.set_ylabel("NashConv (% of the range)")
-    figure.savefig(path, dpi=150)
-    pyplot.close(figure)
+    save(figure, path, dpi=150)
 
 
-def tables() -> dict[str, str]:
-    """The tables of the page as Markdown, by title."""
-    rows = judged()
-    matrix = judged(matrix=True)
+def figures(data: Path, out: Path) -> None:
+    """Both figures."""
+    rows = judged(data)
+    draw_ratios(out / "ratios.png", rows)
+    draw_curves(out / "curves.png", rows)
+
+
+def tables(data: Path) -> dict[str, str]:
+    """The tables by title."""
+    rows, matrix, about = judged(data), judged(data, matrix=True), properties(data)
+    tuning = [*read_recorded(data / "tuning.csv").values()]
+    exchanged = [*read_recorded(data.parent / "self_play_entropy" / "runs.csv").values()]
     found = {
-        "Slope of log(PPO / MMD)": slopes(rows),
-        "What depends on settings and games": contrary(rows, matrix),
+        "Slope of log(PPO / MMD)": slopes(rows, about),
+        "What depends on settings and games": contrary(rows, matrix, about),
         "NashConv by stratum, % of the range": by_stratum(rows),
         "Comparisons": comparisons(rows),
         "NashConv at the end / at half of the frames": improved(rows),
         "NashConv by game, % of the range": by_game(rows),
         "Matrix games": by_game(matrix),
+        "NashConv by stratum with exchanged bonuses, % of the range": by_bonus(rows, exchanged),
+        "Slopes with exchanged bonuses": slopes_by_bonus(rows, exchanged),
+        "Settings": settings(tuning),
+        "Methods that had stopped improving": stopped(tuning),
+        "Processor seconds of a million frames": read_table(data / "costs.csv"),
     }
-    return {title: markdown(table) for title, table in found.items()}
-
-
-def main() -> None:
-    """Print the tables, and draw the figures."""
-    rows = judged()
-    for title, table in tables().items():
-        print(f"\n{title}\n\n{table}")
-    draw_ratios(DATA / "ratios.png", rows)
-    draw_curves(DATA / "curves.png", rows)
-
-
-if __name__ == "__main__":
-    main()
+    return {title: plain_table(table).markdown() for title, table in found.items()}
