@@ -2,13 +2,17 @@
 
 Their names are common ones: a script or package of a user, such as `train.py`, hides ours where its
 folder stands first on the search path. So each of their modules has a second name within this
-package: `pursuit.train.runs` is `train.runs`. If `import train` gives ours, the second name leads
-to the same module, and nothing else changes. If it gives another one, which may happen at any time,
-ours is loaded from its folder under the second name, and the import statements in its files, which
-say `train`, use the second names, too (Python looks `__import__` up in the `__builtins__` of a
-module). So the user's module is neither executed nor replaced, no module of ours is loaded twice,
-compiled files and pickles are shared, and the source keeps static absolute imports for type
-checkers. Names of ours in strings begin with "pursuit.".
+package: `pursuit.train.runs` is `train.runs`.
+
+- If `import train` gives ours, the second name leads to the same module, and nothing else changes.
+- If it gives another one, which may happen at any time, ours is loaded from its folder under the
+  second name, and the import statements in its files, which say `train`, use the second names, too
+  (Python looks `__import__` up in the `__builtins__` of a module).
+
+So the user's module is neither executed nor replaced, no module of ours is loaded twice, compiled
+files and pickles are shared, and the source keeps static absolute imports for type checkers. Names
+of ours in strings begin with "pursuit.". To put ours into `sys.modules` as `train` would not do: in
+`python -m train`, a user's package needs that name for its own modules.
 """
 
 from __future__ import annotations
@@ -16,10 +20,16 @@ from __future__ import annotations
 import builtins
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.abc import Loader
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.machinery import (
+    SOURCE_SUFFIXES,
+    FileFinder,
+    ModuleSpec,
+    PathFinder,
+    SourceFileLoader,
+)
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,15 +43,14 @@ def hidden_by(top: str) -> str | None:
 
     Nothing is imported. `top` is one of `NAMES`.
     """
-    loaded = sys.modules.get(top)
-    file: Any = getattr(loaded, "__file__", None)
-    places: Any = getattr(loaded, "__path__", ())
+    loaded: Any = sys.modules.get(top)
+    file, places = getattr(loaded, "__file__", None), getattr(loaded, "__path__", None)
     if loaded is None:
-        spec = _search(top)
-        if spec is not None:
-            file, places = spec.origin, spec.submodule_search_locations or ()
+        others = (each for each in sys.meta_path if getattr(each, "__module__", "") != __name__)
+        spec: Any = next(filter(None, (each.find_spec(top, None) for each in others)), None)
+        file, places = spec and spec.origin, spec and spec.submodule_search_locations
     if file is None:  # a namespace package, or nothing
-        return next(iter(places), f"no {top}")
+        return next(iter(places or ()), f"no {top}")
     ours = str(ROOT / top / "__init__.py")
     return None if file == ours or os.path.realpath(file) == os.path.realpath(ours) else file
 
@@ -57,15 +66,13 @@ def second_name(module: str) -> str:
     return f"pursuit.{module}" if module.partition(".")[0] in NAMES else module
 
 
-def _search(top: str) -> ModuleSpec | None:
-    """What Python would import as `top` without this module."""
-    others = [each for each in sys.meta_path if getattr(each, "__module__", "") != __name__]
-    found = (finder.find_spec(top, None) for finder in others)
-    return next((spec for spec in found if spec is not None), None)
+def _loaded_as(name: str) -> str | None:
+    """The name under which the module `name` was loaded; None before that."""
+    return getattr(sys.modules.get(name), "__name__", None)
 
 
 class Finder:
-    """Finds our packages under both of their names; in `sys.meta_path`, which Python asks."""
+    """Finds our packages under both of their names; in `sys.meta_path`, which Python asks first."""
 
     @staticmethod
     def find_spec(name: str, path: Sequence[str] | None = None, _: Any = None) -> ModuleSpec | None:
@@ -75,27 +82,17 @@ class Finder:
         if top not in NAMES:
             return None
         other = public if name != public else f"pursuit.{name}"
-        if below:
-            parent, named = (sys.modules.get(each.rpartition(".")[0]) for each in (name, other))
-            same = parent is not None and parent is named
-            is_loaded = same and getattr(parent, "__name__", "") != name.rpartition(".")[0]
+        if below:  # a module is loaded under that of its names under which its package was
+            is_second = _loaded_as(name.rpartition(".")[0]) == other.rpartition(".")[0]
         else:
-            is_loaded = hidden_by(top) is None and (
-                name != public
-                or isinstance(getattr(sys.modules.get(other), "__loader__", None), OwnLoader)
-            )
-        if is_loaded:
+            is_second = hidden_by(top) is None and (name != public or _loaded_as(other) == other)
+        if is_second:
             return ModuleSpec(name, SecondName(other))
-        if name == public:
-            if not below or not any(map(hidden_by, NAMES)):
-                return None
-            if hidden_by(top):
-                check_hidden(name, path)
-                return None
-        spec = PathFinder.find_spec(name, path if below else [str(ROOT)])
-        if spec is not None and isinstance(spec.loader, SourceFileLoader):
-            spec.loader = OwnLoader(spec.loader.name, spec.loader.path)
-        return spec
+        if name == public and (not below or hidden_by(top) or not any(map(hidden_by, NAMES))):
+            check_hidden(name, path)
+            return None
+        folder = path[0] if path and below else str(ROOT)
+        return FileFinder(folder, (OwnLoader, SOURCE_SUFFIXES)).find_spec(name)
 
 
 def check_hidden(name: str, path: Sequence[str] | None = None) -> None:
@@ -105,20 +102,18 @@ def check_hidden(name: str, path: Sequence[str] | None = None) -> None:
         name: of any module; it is not imported.
         path: where the package that hides ours has its modules; default: its folder.
     """
-    top, _, below = name.partition(".")
-    hidden = hidden_by(top) if top in NAMES and below else None
+    parts = name.split(".")
+    hidden = hidden_by(parts[0]) if parts[0] in NAMES and len(parts) > 1 else None
     if hidden is None:
         return
-    looked_for = name
-    if path is None:
-        file, looked_for = Path(hidden), ".".join(name.split(".")[:2])
-        path = [hidden] if file.is_dir() else [str(file.parent)] * (file.name == "__init__.py")
-    ours = ROOT.joinpath(*looked_for.split("."))
-    exists = ours.is_dir() or ours.with_suffix(".py").is_file()
-    if exists and PathFinder.find_spec(looked_for, path) is None:
+    if path is None:  # a file other than __init__.py has no modules
+        parts, path = parts[:2], [hidden.removesuffix("__init__.py")]
+    places = [str(ROOT.joinpath(*parts[:-1]))], path
+    ours, theirs = (PathFinder.find_spec(parts[-1], each) for each in places)
+    if ours and not theirs:
         raise ModuleNotFoundError(
-            f"no module {name!r}: {top!r} is {hidden}, which hides the package of Pursuit; import "
-            f"pursuit.{name}, or rename yours",
+            f"no module {name!r}: {parts[0]!r} is {hidden}, which hides the package of Pursuit; "
+            f"import pursuit.{name}, or rename yours",
             name=name,
         )
 
@@ -149,19 +144,12 @@ class OwnLoader(SourceFileLoader):
         super().exec_module(module)
 
 
-def import_ours(
-    name: str,
-    globals: Mapping[str, object] | None = None,
-    locals: Mapping[str, object] | None = None,
-    fromlist: Sequence[str] | None = (),
-    level: int = 0,
-) -> ModuleType:
-    """`__import__` of our modules."""
-    top = name.partition(".")[0]
-    if level or top not in NAMES:
-        return builtins.__import__(name, globals, locals, fromlist or (), level)
-    module = builtins.__import__(f"pursuit.{name}", globals, locals, fromlist or ())
-    return module if fromlist else sys.modules[f"pursuit.{top}"]
+def import_ours(name: str, scope: Any, local: Any, fromlist: Any, level: int) -> ModuleType:
+    """`__import__` of our modules; statements call it with these arguments."""
+    ours = name if level else second_name(name)
+    module = builtins.__import__(ours, scope, local, fromlist, level)
+    # `import train.runs` gives `train`
+    return module if fromlist or ours == name else sys.modules[second_name(name.partition(".")[0])]
 
 
 def install() -> None:

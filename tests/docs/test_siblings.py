@@ -21,6 +21,7 @@ from pursuit import siblings
 
 ROOT = Path(__file__).parents[2]
 FOREIGN = ("train.py", "train/__init__.py", "curricula.py", "scripted_agents.py")
+ALL_AND_EACH = [FOREIGN, *(pytest.param((name,), marks=pytest.mark.slow) for name in FOREIGN)]
 RAISES = """
 from pathlib import Path
 (Path(__file__).parent / "executed").touch()
@@ -57,24 +58,13 @@ def run(folder: Path, *words: str, code: str = "", status: int = 0) -> str:
 # -- what is reached through `import pursuit` ------------------------------------------------------
 
 
-def readme_in(folder: Path, script: str) -> None:
-    """Run the Python of the README as a script; a script that is imported raises."""
-    guard = (
-        f'if __name__ != "__main__":\n{indent(RAISES, "    ")}\n' if script != "other.py" else ""
-    )
-    run(folder, script, code=guard + README)
-
-
 @pytest.mark.parametrize("script", ["train.py", "other.py"])
-def test_the_readme_runs_beside_modules_with_our_names(tmp_path: Path, script: str) -> None:
-    readme_in(folder_with(tmp_path, FOREIGN), script)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("script", ["train.py", "other.py"])
-@pytest.mark.parametrize("name", FOREIGN)
-def test_the_readme_runs_beside_each_module(tmp_path: Path, name: str, script: str) -> None:
-    readme_in(folder_with(tmp_path, (name,)), script)
+@pytest.mark.parametrize("names", ALL_AND_EACH)
+def test_the_readme_runs_beside_them(tmp_path: Path, names: tuple[str, ...], script: str) -> None:
+    """A script that is imported raises."""
+    guard = f'if __name__ != "__main__":\n{indent(RAISES, "    ")}\n'
+    folder_with(tmp_path, names)
+    run(tmp_path, script, code=guard * (script != "other.py") + README)
 
 
 EVERYTHING = """
@@ -106,21 +96,20 @@ for mine in (lambda seen: np.zeros(len(seen), int), pursuit.AStarChaser()):
     assert pursuit.evaluate(mine, "chase", "chaser", **opponent, **game).mean_steps > 0
 for name in pursuit.__all__:
     getattr(pursuit, name)
+"""
+UNUSED = """
 found = {name.partition(".")[0] for name in sys.modules}
 assert not found & {"train", "curricula", "scripted_agents"}
 """
 
 
 @pytest.mark.slow
-def test_everything_reached_through_pursuit_works_beside_them(tmp_path: Path) -> None:
-    run(folder_with(tmp_path, FOREIGN), "other.py", code=EVERYTHING)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FOREIGN)
-def test_everything_works_beside_each(tmp_path: Path, name: str) -> None:
-    code = "\n".join(EVERYTHING.rstrip().split("\n")[:-2])  # two of three have their own names
-    run(folder_with(tmp_path, (name,)), "other.py", code=code)
+@pytest.mark.parametrize("names", ALL_AND_EACH)
+def test_everything_reached_through_pursuit_works_beside_them(
+    tmp_path: Path, names: tuple[str, ...]
+) -> None:
+    hides_all = len(names) > 1  # else two of three have their own names
+    run(folder_with(tmp_path, names), "other.py", code=EVERYTHING + UNUSED * hides_all)
 
 
 @pytest.mark.slow
@@ -276,9 +265,7 @@ def test_the_package_that_hides_ours_is_named_where_ours_is_imported(tmp_path: P
     assert str(tmp_path / "train/__init__.py") in said and "import pursuit.train.runs" in said
 
 
-def test_parts_of_a_users_train_are_the_users(
-    tmp_path: Path,
-) -> None:
+def test_parts_of_a_users_train_are_the_users(tmp_path: Path) -> None:
     """Their sources are recorded in runs, and a file that names them must be trusted."""
     code = """
 import pursuit
@@ -293,6 +280,18 @@ def register(parts):
 """
     folder_with(tmp_path, ("train.py",), text)
     assert run(tmp_path, "other.py", code=code) == "train None\n"
+
+
+def test_a_users_package_runs_as_a_command_with_parts_of_its_own(tmp_path: Path) -> None:
+    package = folder_with(tmp_path, ("train/__init__.py",), MINE) / "train"
+    folder_with(package, ("rewards/mine.py",), "def pay(before, actions, after): ...")
+    (package / "__main__.py").write_text("""
+from pursuit.tasks.rewards import REWARDS
+from . import thing
+from train import thing as same
+print(thing, same, REWARDS.get("train.rewards.mine:pay").__module__)
+""")
+    assert run(tmp_path, "-m", "train") == "train train train.rewards.mine\n"
 
 
 def test_python_m_pursuit_is_the_command(tmp_path: Path) -> None:
