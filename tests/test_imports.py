@@ -23,8 +23,9 @@ OPTIONAL = {
     "supersuit",
     "minari",
     "pyspiel",
+    "pyarrow",
 }
-SLOW = {"matplotlib", "polars", "networkx", "scipy", "tyro", "torchrl"}
+SLOW = {"matplotlib", "networkx", "scipy", "tyro", "torchrl"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
 WITH_THEM = {
     "pursuit.environments.stable_baselines",

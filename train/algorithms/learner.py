@@ -129,14 +129,12 @@ class Build:
     Attributes:
         device: of the network.
         bfloat16: matrix products in bfloat16.
-        first_layer: "bag", "dense", or "auto" for the faster one.
         seed: of the learner's own random numbers (networks use torch's generator).
         fused: whether fused kernels are used where possible.
     """
 
     device: str = "cpu"
     bfloat16: bool = False
-    first_layer: str = "auto"
     seed: int = 0
     fused: bool = True
 
@@ -147,8 +145,13 @@ class Build:
 
     def hidden(self, settings: NetworkSettings) -> Hidden:
         """The configuration of the hidden layers."""
-        rest = (self.first_layer, self.bfloat16, settings.recurrent)
-        return Hidden(settings.width, settings.activation, settings.first_std, *rest)
+        return Hidden(
+            settings.width,
+            settings.activation,
+            settings.first_std,
+            bfloat16=self.bfloat16,
+            recurrent=settings.recurrent,
+        )
 
 
 def network_loader(

@@ -26,7 +26,7 @@ TIME_UNIT = rule(lambda value: value in (None, *UNITS), "give frames or seconds"
 class ReportCommand(Settings):
     """Write figures and tables of a sweep or an ablation, or of several folders together.
 
-    For one sweep or ablation, the Parquet tables of its runs and its report are written to its
+    For one sweep or ablation, the tables of its runs and its report are written to its
     folder. For several runs, sweeps and ablations, one report on all of them is written to --out.
     Every report has table.csv and runs.csv, a row per run. A run that was interrupted before its
     last evaluation is evaluated first.

@@ -109,7 +109,7 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     """
     named = named_policies(asdict(settings))
     digests = {name: policy.digest for name, policy in inputs.items() if name in named}
-    plain = asdict(with_policies(settings, digests))
+    plain = {**settings.REMOVED, **asdict(with_policies(settings, digests))}
     if (maze := settings.task.maze_text) is not None:
         plain["task"]["maze"] = maze
     mazes = plain.get("curriculum_settings", {}).get("curriculum_mazes")

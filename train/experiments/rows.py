@@ -42,7 +42,7 @@ from train.settings.task import learning_agent
 
 SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
 """Columns of the mean steps of these scores."""
-RUNS, CURVES, RUNS_CSV = "results.parquet", "curves.parquet", "runs.csv"
+RUNS, CURVES, RUNS_CSV = "results.csv", "curves.csv", "runs.csv"
 OF_GAMES = ("payoff_range", "mixed_share")
 """Entries of the results of small games."""
 GAPS = (20.0, 10.0, 5.0, 2.0, 1.0)
@@ -86,13 +86,30 @@ class StudyRows:
         write_csv(folder / RUNS_CSV, rows, names)
 
 
-def write_parquet(path: Path, rows: list[Row]) -> None:
-    """Write `rows` as a Parquet file, atomically; OSError naming `path` if that fails."""
-    import polars
+def write_table(path: Path, rows: list[Row]) -> None:
+    """Write `rows` as a .csv file and, where PyArrow is installed, beside it as a .parquet file, in
+    which a column of numbers and texts is one of texts.
 
-    data = io.BytesIO()  # with a path, polars raises its own exception on a full disk
-    polars.DataFrame(rows, infer_schema_length=None).write_parquet(data)
-    write_bytes(path, data.getvalue())
+    Each is written atomically; OSError naming the file if that fails.
+    """
+    write_csv(path, rows)
+    beside = path.with_suffix(".parquet")
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        beside.unlink(missing_ok=True)  # of earlier rows, written elsewhere
+        return
+    columns = {}
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [row.get(name) for row in rows]
+        try:
+            columns[name] = pyarrow.array(values)
+        except pyarrow.ArrowException:  # of several types
+            columns[name] = pyarrow.array([None if v is None else str(v) for v in values])
+    data = io.BytesIO()
+    parquet.write_table(pyarrow.table(columns), data)
+    write_bytes(beside, data.getvalue())
 
 
 def read_all(out: Path) -> StudyRows:
@@ -143,11 +160,12 @@ def read_all(out: Path) -> StudyRows:
 
 
 def read_study(out: Path) -> StudyRows:
-    """The runs in a folder, with the Parquet files written; ValueError if none is complete."""
+    """The runs in a folder, with the tables `RUNS` and `CURVES` written; ValueError if none is
+    complete."""
     found = read_all(out)
-    write_parquet(out / RUNS, found.everything)
+    write_table(out / RUNS, found.everything)
     evaluations = [{"run": run, **row} for run, rows in found.curves.items() for row in rows]
-    write_parquet(out / CURVES, evaluations)
+    write_table(out / CURVES, evaluations)
     check(
         bool(found.rows), f"{out}: no run is complete; repeat the command of the study to continue"
     )

@@ -168,7 +168,7 @@ def settings_of(**flat: Any) -> AgentSettings:
             The budget, one of: seconds, frames.
             The run: algorithm, preset, seed, clock, evaluate, device, precision, fused, threads,
             processes.
-            The network: observation, network, frame_stack, first_layer, min_probability.
+            The network: observation, network, frame_stack, min_probability.
             A task in mazes: task, role, maze, num_chasers, num_evaders, num_runners, num_goals,
             max_steps, stay_action, move_order, start, min_start_distance, capture, n_catch,
             capture_check, exits, num_exits, collisions, slip, rewards, view_radius,
@@ -194,4 +194,4 @@ def build_of(settings: AgentSettings) -> Build:
     """The options of building a learner on this machine."""
     bfloat16 = uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
-    return Build(settings.device, bfloat16, settings.first_layer, settings.seed, fused)
+    return Build(settings.device, bfloat16, settings.seed, fused)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import Annotated, ClassVar
@@ -34,9 +34,13 @@ class Settings:
 
     Attributes:
         ADDED: settings that older versions did not write.
+        REMOVED: settings that only older versions wrote, with their defaults. They are not read,
+            and did not change results but for rounding. Fingerprints of runs count the defaults, so
+            that finished runs of studies keep their names.
     """
 
     ADDED: ClassVar[tuple[str, ...]] = ()
+    REMOVED: ClassVar[Mapping[str, object]] = {}
 
     def __post_init__(self) -> None:
         check_fields(self)

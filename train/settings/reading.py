@@ -93,7 +93,8 @@ def settings_with(
 def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     """All plain fields of `form`, from a table that has exactly these.
 
-    The names in `form.ADDED`, which older versions did not write, may be missing.
+    The names in `form.ADDED`, which older versions did not write, may be missing; those in
+    `form.REMOVED`, which only older versions wrote, are left out.
 
     Args:
         form: a class of settings.
@@ -106,7 +107,8 @@ def complete_settings(form: type[Any], given: Any, name: str = "") -> Plain:
     check(isinstance(given, Mapping), f"{name}={shortened(given)}; give a table")
     names = names_of(form)
     own: Plain = {added: getattr(form, added) for added in form.ADDED}
-    own |= {key: value for key, value in given.items() if name or key not in INNER}
+    left_out = {*form.REMOVED} if name else {*form.REMOVED, *INNER}
+    own |= {key: value for key, value in given.items() if key not in left_out}
     missing = next((known for known in names if known not in own), None)
     where = f" of {name}" if name else ""
     check(missing is None, f"setting {missing!r}{where} is missing")

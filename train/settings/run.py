@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from pursuit.observations.custom import without_id
 from pursuit.validation import at_least, check, choice
@@ -58,6 +59,8 @@ def check_several_processes(settings: TrainSettings[Any]) -> None:
 class TrainSettings(RunSettings, Generic[S]):
     """All settings of one training run."""
 
+    REMOVED: ClassVar[Mapping[str, object]] = {"first_layer": "auto"}
+
     task: AnyTask = field(default_factory=TaskSettings)
     hyper: S = field(default_factory=PPOSettings)  # type: ignore[assignment]
     """Hyperparameters of the algorithm."""
@@ -81,8 +84,6 @@ class TrainSettings(RunSettings, Generic[S]):
     evaluate: Annotated[str, choice("greedy", "sampled")] = "greedy"
     """Policy of the evaluations during training: greedy (the most probable action) or sampled. The
     final results have both."""
-    first_layer: Annotated[str, choice("auto", "bag", "dense")] = "auto"
-    """Form of the first layer for observation index: bag, dense, or auto (the faster one)."""
     threads: Annotated[int, threads_from(0)] = 0
     """Threads of torch. 0: one per core; with a budget in seconds one or all, whichever is faster;
     with clock processor one."""

@@ -15,7 +15,7 @@ BLOCKED = (
     "torchrl",
     "tensordict",
     "tyro",
-    "polars",
+    "pyarrow",
     "matplotlib",
     "tensorboard",
     "networkx",

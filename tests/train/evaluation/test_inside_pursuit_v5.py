@@ -46,7 +46,7 @@ def policy_in(
     """A policy with random weights."""
     torch.manual_seed(3)
     seat = MazeSeat(task, "chaser", encoding, network="mlp")
-    build = Build("cpu", False, "auto", 0, False)
+    build = Build(fused=False)
     network = actor_critic_of(PPOSettings(width=16, recurrent=recurrent), seat, build)
     with torch.no_grad():
         network.policy_head.weight *= 30.0  # so that actions depend on observations

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import polars
+import pandas
 import pytest
 from executed_here import executed_here
 
@@ -93,16 +93,16 @@ def test_a_small_comparison_runs_to_its_report_and_is_not_repeated(
     assert said.count("4 complete\n") == 2 and "report: " in said
     # The final settings are those of the trial with the lowest score.
     trials = last_trials(out)
-    runs, curves = (polars.read_parquet(out / name) for name in (RUNS, CURVES))
+    runs, curves = (pandas.read_csv(out / name) for name in (RUNS, CURVES))
     for name in ("ours", "stable-baselines3"):
         own = [row for row in trials if row["contestant"] == name]
         scores = [row["score"] for row in own]
         assert [row["chosen"] for row in own].index(True) == int(np.argmin(scores))
         (rate,) = (row["learning_rate"] for row in own if row["chosen"])
-        mine = [row for row in runs.to_dicts() if row["contestant"] == name]
+        mine = [row for row in runs.to_dict("records") if row["contestant"] == name]
         assert {row["learning_rate"] for row in mine} == {rate}
         assert all(row["minibatch_size"] <= 64 for row in mine)  # a rollout
-        of_one = curves.filter(curves["run"] == mine[0]["run"])
+        of_one = curves[curves["run"] == mine[0]["run"]]
         assert of_one["frames"].to_list() == [64.0, 128.0, 192.0, 256.0]
     text = (out / "report" / "report.md").read_text(encoding="utf-8")
     for word in ("First to each gap", "Stable-Baselines3", "learning_rate", "stable_baselines3"):

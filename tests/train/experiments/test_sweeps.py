@@ -11,7 +11,7 @@ import time
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-import polars
+import pandas
 import pytest
 from executed_here import executed_here
 
@@ -20,10 +20,11 @@ from train.commands.studies import SweepWatch
 from train.experiments.executors import progress_of, run_locally, start_worker
 from train.experiments.expansion import load_study
 from train.experiments.report import report_on
-from train.experiments.rows import CURVES, RUNS, read_all
+from train.experiments.rows import CURVES, RUNS, read_all, write_table
 from train.experiments.runs import prepare, status_of
 from train.experiments.summary import sweep_notes
 from train.files import only_one
+from train.reports.tables import Row
 
 TINY = """
 title = "Tiny"
@@ -70,7 +71,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_sweep_runs_reports_and_is_not_repeated(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    runs, curves = (polars.read_parquet(swept / name) for name in (RUNS, CURVES))
+    runs, curves = (pandas.read_csv(swept / name) for name in (RUNS, CURVES))
     assert runs["status"].to_list() == ["complete"] * 4
     before = {path: path.stat().st_mtime_ns for path in swept.glob("runs/*/results.json")}
     main(["sweep", write(tmp_path / "tiny.toml", TABULAR), "--out", str(swept)])
@@ -80,11 +81,10 @@ def test_a_sweep_runs_reports_and_is_not_repeated(
     assert (runs["frames"] >= 2000).all()
 
 
-def test_the_tables_are_the_same_to_polars_pandas_and_duckdb(swept: Path) -> None:
-    pandas = pytest.importorskip("pandas")
+def test_the_tables_are_the_same_as_csv_and_parquet_to_pandas_and_duckdb(swept: Path) -> None:
     duckdb = pytest.importorskip("duckdb")
-    path = swept / RUNS
-    ours = polars.read_parquet(path)
+    path = swept / "results.parquet"
+    ours = pandas.read_csv(swept / RUNS)
     theirs = pandas.read_parquet(path)
     query = f"select run, optimality_gap from '{path}' order by run"
     third = dict(duckdb.sql(query).fetchall())
@@ -99,7 +99,32 @@ def test_the_tables_are_the_same_to_polars_pandas_and_duckdb(swept: Path) -> Non
     assert third == expected
     wanted = {"maze", "algorithm", "seed", "gamma", "frames", "seconds", "mean_steps", "status"}
     assert wanted | {"torch_version", "commit", "machine", "error"} <= set(ours.columns)
-    assert polars.read_parquet(swept / CURVES)["run"].n_unique() == 4
+    assert [*ours] == [*theirs]
+    types = {name: str(theirs[name].dtype) for name in ("seed", "gamma", "exact", "error")}
+    assert types == {"seed": "int64", "gamma": "float64", "exact": "bool", "error": "object"}
+    curves = [pandas.read_csv(swept / CURVES), pandas.read_parquet(swept / "curves.parquet")]
+    assert [each["run"].nunique() for each in curves] == [4, 4]
+    assert curves[0]["frames"].tolist() == curves[1]["frames"].tolist()
+
+
+def test_a_table_has_any_values_and_no_parquet_without_pyarrow(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows: list[Row] = [{"a": 1, "b": "x", "c": None}, {"a": 2.5, "b": 3.0, "d": True}]
+    path, beside = tmp_path / "t.csv", tmp_path / "t.parquet"
+    write_table(path, rows)
+    text = "a,b,c,d\n1,x,,\n2.5,3.0,,True\n"
+    assert path.read_text() == text
+    found = pandas.read_parquet(beside).astype(object)
+    assert found.where(found.notna(), None).to_dict("records") == [
+        {"a": 1.0, "b": "x", "c": None, "d": None},
+        {"a": 2.5, "b": "3.0", "c": None, "d": True},
+    ]
+    write_table(path, [])
+    assert path.read_text().strip() == "" and len(pandas.read_parquet(beside)) == 0
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    write_table(path, rows)
+    assert path.read_text() == text and not beside.exists()
 
 
 def test_a_folder_of_other_settings_or_another_version_is_refused(
@@ -216,13 +241,11 @@ def test_a_report_says_what_the_runs_found(swept: Path) -> None:
     folder = report_on(swept)
     text = (folder / "report.md").read_text()
     assert text.startswith("# Tiny") and "4 runs, seeds 0, 1" in text
-    runs = polars.read_parquet(swept / RUNS)
-    table = polars.read_csv(folder / "table.csv")
+    runs = pandas.read_csv(swept / RUNS)
+    table = pandas.read_csv(folder / "table.csv")
     assert len(table) == 2
-    for row in table.to_dicts():
-        chosen = runs.filter(
-            (polars.col("maze") == row["maze"]) & (polars.col("algorithm") == row["group"])
-        )
+    for row in table.to_dict("records"):
+        chosen = runs[(runs["maze"] == row["maze"]) & (runs["algorithm"] == row["group"])]
         assert row["seeds"] == 2
         assert row["gap"] == pytest.approx(100 * chosen["optimality_gap"].mean())
     for name in ("final.png", "learning_curves.png"):

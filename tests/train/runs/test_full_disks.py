@@ -77,7 +77,7 @@ def test_tables_of_a_sweep_that_cannot_be_written_name_their_file(tmp_path: Path
     run = start(RUN, SETTINGS, tmp_path / "runs" / "run")
     run.train()
     run.results(2)
-    with limited_files(64), pytest.raises(OSError, match=r"results.parquet: cannot be written"):
+    with limited_files(64), pytest.raises(OSError, match=r"results.csv: cannot be written"):
         read_study(tmp_path)
     assert os.listdir(tmp_path) == ["runs"]
 

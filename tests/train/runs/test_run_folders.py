@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import hashlib
 import json
 import os
 import re
@@ -13,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from train.commands import progress
 from train.commands import train as train_command
 from train.experiments.identity import fingerprint
 from train.files import hold
-from train.kinds import open_run, start
+from train.kinds import open_run, read_settings, start
 from train.runs.folder import (
     RUN,
     SELF_PLAY,
@@ -38,6 +39,7 @@ from train.runs.folder import (
 )
 from train.runs.interruption import Stopped
 from train.runs.loop import Budget, Run
+from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.runs.single import SingleAgent
 from train.self_play import report as self_play_report
@@ -412,6 +414,30 @@ def test_a_progress_line_ends_where_the_next_work_begins(
         tell("c", 0.25)
     lines = capsys.readouterr().err.replace("\x1b[K", "").split("\n")
     assert lines == ["\rlong:  50 %, 3 s", "\rb: 3 s", "\rc:  25 %, 3 s", ""]
+
+
+@pytest.mark.parametrize("form", ["auto", "bag", "dense"])
+def test_a_setting_that_was_removed_is_not_read_and_counts_in_fingerprints(
+    form: str, tmp_path: Path
+) -> None:
+    """`first_layer` chose one of two forms of one function of the same weights."""
+    settings = MAKE["train"](evaluate="sampled")
+    run = start(RUN, settings, tmp_path)
+    run.train()
+    path = tmp_path / "config.json"
+    content = json.loads(path.read_text())
+    assert "first_layer" not in content
+    path.write_text(json.dumps({**content, "first_layer": form}))
+    kind, found = read_settings(tmp_path)
+    assert found == settings
+    maze = settings.task.build().mazes[0]
+    table = run.trainee.policy.action_probabilities(maze)
+    loaded = load_policy(tmp_path, greedy=False).action_probabilities(maze)
+    np.testing.assert_array_equal(loaded, table)
+    counted = {"kind": kind, "episodes": 20, "first_layer": "auto", **asdict(settings)}
+    counted["task"]["maze"] = settings.task.maze_text
+    whole = json.dumps({**counted, "parts": {}}, sort_keys=True).encode()
+    assert fingerprint(kind, found, 20, {}) == hashlib.sha256(whole).hexdigest()[:10]
 
 
 def test_a_run_without_readable_metrics_is_not_resumed(
