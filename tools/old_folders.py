@@ -119,6 +119,38 @@ name = "none"
 name = "fewer goals first"
 curriculum = "num-goals"
 """
+COMPARISON = """
+title = "Libraries"
+kind = "contestant"
+episodes = 20
+[settings]
+frames = 256
+num_games = 8
+rollout_steps = 8
+minibatch_size = 32
+width = 8
+[grid]
+contestant = ["ours", "cleanrl"]
+[[variants]]
+name = "runner, 2x2"
+task = "maze"
+maze = "2x2"
+num_goals = 1
+[tuning]
+mazes = ["3x3"]
+shipped = false
+[tuning.space.all]
+learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
+[tuning.short]
+samples = 1
+frames = 128
+[tuning.full]
+samples = 1
+frames = 128
+[short]
+seeds = [0, 1]
+[full]
+"""
 DRAWN = ("*.png", "*.gif", "*.svg", "*.html", "replays.json", "events.out.*")
 
 
@@ -146,7 +178,7 @@ def main() -> None:
         for kind, runs in ((RUN, SINGLE), (SELF_PLAY, PAIRS)):
             for run, flat in runs.items():
                 write_run(kind, folder / run, flat)
-        for command, text in (("sweep", SWEEP), ("ablate", ABLATION)):
+        for command, text in (("sweep", SWEEP), ("ablate", ABLATION), ("compare", COMPARISON)):
             (folder / f"{command}.toml").write_text(text)
             pursuit([command, str(folder / f"{command}.toml"), "--out", str(folder / command)])
         league = ["league", str(folder / "pair"), "astar", "random", "--games", "20"]

@@ -17,14 +17,16 @@ from curricula import Change, Curriculum, Outcomes, Progress
 from pursuit import GameView, Rewards, Simulator, Task
 from pursuit.rules import CHASER
 from pursuit.tasks.moments import After, Before
-from train.algorithms.learner import Build, NetworkLearner, network_loader
+from train.algorithms.learner import Build, LearnedNetwork, NetworkLearner, network_loader
 from train.algorithms.registry import Algorithm
+from train.environments.vector_env import LearnerVectorEnv
 from train.networks.features import Features
+from train.networks.flat import FlatInputs, FlatNetwork
 from train.networks.q_network import QNetwork
 from train.networks.seat import Seat
 from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool
-from train.settings.algorithms import NetworkSettings
+from train.settings.algorithms import LibraryPPOSettings, NetworkSettings
 from train.settings.curricula import AxisSettings, OwnCurriculum, StagedSettings
 from train.teaching.axes import Axis, Maker
 from train.teaching.context import CurriculumContext
@@ -353,4 +355,57 @@ def _build(settings: SarsaSettings, env: Any, how: Build) -> Sarsa:
 
 SARSA = Algorithm(
     "sarsa", SarsaSettings, _build, network_loader(_network_of), learns_distribution=False
+)
+
+
+# -- an algorithm with a loop of its own -----------------------------------------------------------
+
+
+class Linear(nn.Module):
+    """A linear policy."""
+
+    def __init__(self, inputs: int, actions: int) -> None:
+        super().__init__()
+        self.layer = nn.Linear(inputs, actions)
+
+    def logits(self, observation: torch.Tensor) -> torch.Tensor:
+        """[..., actions]."""
+        return self.layer(observation)
+
+
+def linear_of(settings: LibraryPPOSettings, player: Seat, build: Build) -> FlatNetwork:
+    """A new network for the player."""
+    inputs = FlatInputs(player.features)
+    return FlatNetwork(inputs, Linear(inputs.size, player.num_actions))
+
+
+class PlainGradient(LearnedNetwork):
+    """The policy gradient with the rewards of single steps: a library of a few lines."""
+
+    def __init__(self, settings: LibraryPPOSettings, env: LearnerVectorEnv, build: Build) -> None:
+        super().__init__(env, linear_of(settings, env.player, build))
+        self.settings = settings
+        self.optimizer = torch.optim.SGD(self.network.parameters(), settings.learning_rate)
+        self.now = torch.from_numpy(env.reset(seed=build.seed)[0])
+
+    def iterate(self, progress: float) -> dict[str, float]:
+        """Some steps, and a step of gradient descent."""
+        loss = torch.zeros(())
+        for _ in range(self.settings.rollout_steps):
+            policy: Any = torch.distributions.Categorical(
+                logits=self.network.network.logits(self.now)
+            )
+            drawn = policy.sample()
+            seen, reward, *_ = self.env.step(drawn.numpy())
+            loss = loss - (policy.log_prob(drawn) * torch.from_numpy(reward)).mean()
+            self.now = torch.from_numpy(seen)
+            self.frames += len(drawn)
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        return {"loss_objective": float(loss)}
+
+
+LOOP = Algorithm(
+    "loop", LibraryPPOSettings, PlainGradient, network_loader(linear_of), own_loop=True
 )

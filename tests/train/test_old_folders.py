@@ -42,7 +42,11 @@ def runs_in(archive: Path) -> list[str]:
 
 
 CASES = [pytest.param(path, run, id=run) for path in ARCHIVES for run in runs_in(path)]
-STUDIES = [pytest.param(path, name, id=name) for path in ARCHIVES for name in ("sweep", "ablate")]
+STUDIES = [
+    pytest.param(path, name, id=name)
+    for path in ARCHIVES
+    for name in ("sweep", "ablate", "compare")
+]
 
 
 def extracted(archive: Path, name: str, folder: Path) -> Path:

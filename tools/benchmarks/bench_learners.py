@@ -60,6 +60,8 @@ def _cases(algorithm: str, tasks: list[str], *limits: tuple[int, float]) -> list
 
 CASES = [
     *_cases("ppo", DISCRETE, (300_000, 0.5), (500_000, 0.5)),
+    *_cases("sb3_ppo", DISCRETE, (300_000, 0.5), (500_000, 1.0)),
+    *_cases("cleanrl_ppo", DISCRETE, (300_000, 0.5), (500_000, 1.0)),
     *_cases("a2c", DISCRETE, (300_000, 0.5), (600_000, 1.0)),
     *_cases("reinforce", DISCRETE, (300_000, 0.5), (1_000_000, 2.0)),
     *_cases("dqn", DISCRETE, (200_000, 0.5), (300_000, 1.0)),

@@ -224,8 +224,55 @@ def averaged_buffers(network: nn.Module) -> list[torch.Tensor]:
     return [each for each in network.buffers() if each.is_floating_point()]
 
 
-class NetworkLearner:
-    """The base class of learners with networks and Adam.
+class LearnedNetwork:
+    """The base class of learners with one network: its policy, and what is saved of it.
+
+    Args:
+        env: the training environment, a `VecEnv` or a `LearnerVectorEnv`.
+        network: the trained network.
+
+    Attributes:
+        env, network: the arguments.
+        optimizer: of the network.
+        COUNTERS: the numbers in checkpoints, by the names of attributes.
+        NO_DISTRIBUTION: why `policy` must be greedy; "" if it need not be.
+    """
+
+    COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
+    NO_DISTRIBUTION: ClassVar[str] = ""
+    optimizer: torch.optim.Optimizer
+
+    def __init__(self, env: Any, network: nn.Module) -> None:
+        self.env, self.network, self.frames = env, network, 0
+
+    def policy(self, greedy: bool = True) -> Policy:
+        """The policy of the player with this network."""
+        if not greedy and self.NO_DISTRIBUTION:
+            raise ValueError(f"{self.NO_DISTRIBUTION}; use the greedy policy")
+        return self.env.player.policy(self.network, greedy)
+
+    def parts(self) -> dict[str, HasState]:
+        """What has a state of its own, by the names in checkpoints."""
+        return {"network": self.network, "optimizer": self.optimizer}
+
+    def state_dict(self) -> State:
+        """The states of the parts, such as weights and Adam's moments, and the counters."""
+        counters = {name: getattr(self, name) for name in self.COUNTERS}
+        return {name: part.state_dict() for name, part in self.parts().items()} | counters
+
+    def load_state_dict(self, state: State) -> None:
+        """Restore the state."""
+        for name, part in self.parts().items():
+            part.load_state_dict(state[name])
+        for name in self.COUNTERS:
+            setattr(self, name, state[name])
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+
+class NetworkLearner(LearnedNetwork):
+    """The base class of learners with networks and Adam, in a TorchRL environment.
 
     Args:
         settings: the hyperparameters.
@@ -238,19 +285,17 @@ class NetworkLearner:
         optimizer: of the network.
         rates: every optimiser, with its initial learning rate.
         average: replaces tensors by their means over data parallel processes; None for one process.
-        COUNTERS: the numbers in checkpoints, by the names of attributes.
-        NO_DISTRIBUTION: why `policy` must be greedy; "" if it need not be.
     """
 
-    COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
-    NO_DISTRIBUTION: ClassVar[str] = ""
     average: Callable[[list[torch.Tensor]], None] | None = None
+    env: VecEnv
+    optimizer: Adam
 
     def __init__(
         self, settings: NetworkSettings, env: VecEnv, network: nn.Module, device: str
     ) -> None:
-        self.settings, self.env, self.network, self.device = settings, env, network, device
-        self.frames = 0
+        super().__init__(env, network)
+        self.settings, self.device = settings, device
         self.rates: list[tuple[Adam, float]] = []
         self.optimizer = self.new_optimizer(network.parameters(), settings.learning_rate)
 
@@ -297,31 +342,6 @@ class NetworkLearner:
         # Cached tables of a policy compare the versions of the weights, which a fused step does not
         # increment.
         torch.autograd.graph.increment_version(weights)
-
-    def policy(self, greedy: bool = True) -> Policy:
-        """The policy of the player with this network."""
-        if not greedy and self.NO_DISTRIBUTION:
-            raise ValueError(f"{self.NO_DISTRIBUTION}; use the greedy policy")
-        return self.env.player.policy(self.network, greedy)
-
-    def parts(self) -> dict[str, HasState]:
-        """What has a state of its own, by the names in checkpoints."""
-        return {"network": self.network, "optimizer": self.optimizer}
-
-    def state_dict(self) -> State:
-        """The states of the parts, such as weights and Adam's moments, and the counters."""
-        counters = {name: getattr(self, name) for name in self.COUNTERS}
-        return {name: part.state_dict() for name, part in self.parts().items()} | counters
-
-    def load_state_dict(self, state: State) -> None:
-        """Restore the state."""
-        for name, part in self.parts().items():
-            part.load_state_dict(state[name])
-        for name in self.COUNTERS:
-            setattr(self, name, state[name])
-
-    def close(self) -> None:
-        """Nothing to release."""
 
 
 def means(logged: list[dict[str, torch.Tensor]]) -> dict[str, float]:

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+import pursuit
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
 from train.algorithms import (
     a2c,
+    cleanrl,
     continuous,
     cross_entropy,
     dqn,
@@ -25,6 +28,7 @@ from train.algorithms import (
     q_learning,
     qmix,
     regularized,
+    stable_baselines,
     vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
@@ -43,7 +47,8 @@ class Algorithm:
     Attributes:
         name: on the command line and in `config.json`.
         settings: the class of its hyperparameters.
-        build: (settings, env, Build) -> the learner for an environment.
+        build: (settings, env, Build) -> the learner for an environment: a `VecEnv`, or with
+            `own_loop` a `LearnerVectorEnv`.
         load: (settings, player, state, greedy) -> the policy in a learner's `state_dict`, on the
             CPU; KeyError or RuntimeError for a state of other settings.
         learns_distribution: whether it has a stochastic policy.
@@ -52,6 +57,9 @@ class Algorithm:
         teams: whether it can learn for several agents of a role in self-play.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
+        own_loop: whether it brings its own loop and network, as those of other libraries do.
+        package, extra: the package that it needs, and the extra of `pip install 'pursuit[...]'`
+            that installs it; "" for none.
         actions: the kinds of actions that it supports: "discrete", "continuous".
         check_player: (settings, player) raises ValueError for an unsupported player.
     """
@@ -66,6 +74,9 @@ class Algorithm:
     teams: bool = False
     tabular: bool = False
     recurrent: bool = False
+    own_loop: bool = False
+    package: str = ""
+    extra: str = ""
     actions: frozenset[str] = frozenset({"discrete"})
     check_player: Callable[[Any, Any], object] = lambda settings, player: None
 
@@ -73,6 +84,19 @@ class Algorithm:
     def whole_role(self) -> bool:
         """Whether it learns for all agents of the role in `train` too: it has `TeamSettings`."""
         return issubclass(self.settings, TeamSettings)
+
+    @property
+    def library(self) -> str:
+        """The package that it is of, with its version; ImportError if it is not installed."""
+        if not self.package:
+            return f"pursuit {pursuit.__version__}"
+        try:
+            return f"{self.package} {version(self.package)}"
+        except PackageNotFoundError:
+            raise ImportError(
+                f"{self.package} is not installed, which algorithm={self.name!r} needs; pip "
+                f"install 'pursuit[{self.extra}]'"
+            ) from None
 
     def check(self, settings: Hyperparameters, player: Seat, device: str, greedy: bool) -> None:
         """ValueError for unsupported settings or players.
@@ -83,6 +107,7 @@ class Algorithm:
             device: of the network.
             greedy: whether the greedy policy is evaluated.
         """
+        _ = self.library  # it is installed
         check(
             not self.settings.SELF_PLAY_ONLY,
             f"algorithm={self.name!r} is for self-play; use `pursuit self-play --algorithm "
@@ -101,6 +126,11 @@ class Algorithm:
                 f"{self.name} has a table over states instead of a network, on the cpu: leave out "
                 "device, observation, frame_stack and network",
             )
+        check(
+            not (self.own_loop and player.has_masks),
+            f"algorithm={self.name!r} does not support the action masks of this task (mask_bumps, "
+            "turns, illegal actions); use ppo",
+        )
         self.check_memory(settings, player)
         self.check_player(settings, player)
 
@@ -213,6 +243,7 @@ _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
 _CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
 _ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
+_LIBRARY: Any = {"own_loop": True}
 
 _ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
 _ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
@@ -243,3 +274,12 @@ _ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent
 _ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)
+_ours("cleanrl_ppo", cleanrl.CleanRLPPO, cleanrl.network_of, **_LIBRARY, package="torch")
+_ours(
+    "sb3_ppo",
+    stable_baselines.StableBaselinesPPO,
+    stable_baselines.network_of,
+    **_LIBRARY,
+    package="stable_baselines3",
+    extra="sb3",
+)

@@ -1,44 +1,88 @@
-"""The run of a contestant: a library learns a task on one core, with periodic evaluations.
+"""The runs of a comparison of libraries: each learns a task on one core, by an ordinary run.
 
-Its folder has the files of every run, but no checkpoint: it is executed whole.
+The settings of a run are written in the terms of a comparison, as every contestant has the same:
+`ordinary` makes those of `pursuit train` of them. What a comparison adds to the run is that greedy
+and sampled policies are evaluated, that both clocks are measured, and that imports and compilation
+count for nobody, by an iteration of a learner that is discarded.
+
+A further library is an algorithm with the settings of `OBEYED`, by its name.
 """
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
-from time import perf_counter, process_time
 from typing import Annotated, Any, ClassVar
 
 import torch
-from filelock import FileLock
 
+from pursuit.compilation.compiled import now_without_compilation
 from pursuit.validation import at_least, check, choice, one_of, unknown
 from scripted_agents.exact.limits import MAX_EXACT_GOALS
-from train.evaluation.contest import GameContest
-from train.evaluation.scores import BY_STEPS, Score, optimality_gap
-from train.experiments.contestants import CONTESTANTS, OBEYED, Contestant, Trainer
+from train.algorithms.registry import ALGORITHMS, entry
+from train.evaluation.scores import BY_STEPS, optimality_gap
 from train.experiments.study import Table, check_budget
-from train.families.maze import GridWorld
-from train.files import Plain, write_csv, write_json
+from train.files import Plain
 from train.kinds import KINDS, Kind
-from train.machine import machine, versions
-from train.runs.folder import METRICS, RESULTS
+from train.runs.folder import load_final
 from train.runs.forms import RESTORE
-from train.runs.loop import Budget
-from train.runs.threads import keep_freed_memory
+from train.runs.loop import Budget, Run, build_parts, build_run
+from train.runs.parts import Parts
+from train.runs.parts import parts_of as single_parts
+from train.runs.single import SingleAgent
+from train.runs.threads import prepare_torch
+from train.runs.trainee import Clock
 from train.runs.worlds import world_of
 from train.schemas import read_as
-from train.settings.algorithms import PPOSettings
+from train.settings.algorithms import LEARNERS, LibraryPPOSettings, PPOSettings, hyperparameter_form
 from train.settings.checks import CLOCKS, SEED, Settings
 from train.settings.curricula import CurriculumSettings
+from train.settings.presets import curriculum_for, tuned
 from train.settings.reading import plain_settings
+from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import TaskSettings
 
 CONTESTANT = "contestant"
 """The kind of these runs."""
+OBEYED = tuple(f.name for f in fields(LibraryPPOSettings) if f.name != "recurrent")
+"""The settings that every contestant has; a search may draw these."""
 WARM_UP_SEED = 2**31
-"""Seed of the discarded warm-up games that trigger compilation and imports."""
+"""Seed of the discarded learner."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A learner in the comparison.
+
+    Attributes:
+        title: name in reports.
+        algorithm: by name.
+        curriculum: None for that of the preset.
+    """
+
+    title: str
+    algorithm: str
+    curriculum: str | None = "none"
+
+
+CONTESTANTS = {
+    "ours": Contestant("ours", "ppo", None),
+    "ours, no curriculum": Contestant("ours, no curriculum", "ppo"),
+    "cleanrl": Contestant("CleanRL's loop", "cleanrl_ppo"),
+    "stable-baselines3": Contestant("Stable-Baselines3", "sb3_ppo"),
+}
+"""By their names in comparison files; others are named by their algorithm."""
+
+
+def contestant_of(name: Any) -> Contestant:
+    """A contestant by name; ValueError for an unknown one, or without the settings of `OBEYED`."""
+    if name not in ALGORITHMS and LEARNERS.origin(str(name)) is None:
+        one_of("contestant", name, CONTESTANTS)
+    found = CONTESTANTS.get(name, Contestant(str(name), str(name)))
+    missing = {*OBEYED} - {each.name for each in fields(hyperparameter_form(found.algorithm))}
+    check(not missing, f"contestant {name!r} has no setting {', '.join(sorted(missing))}; add it")
+    return found
 
 
 @dataclass(frozen=True)
@@ -75,6 +119,13 @@ class ContestantSettings(Settings):
         super().__post_init__()
         check_budget(self.seconds, self.frames)
 
+    @property
+    def marks(self) -> list[float]:
+        """The shares of the budget at which policies are evaluated."""
+        number = self.evaluations
+        even = [n / number for n in range(1, number + 1)]
+        return [even[0] / 4, even[0] / 2, *even] if number > 1 else even
+
 
 def settings_of(**flat: Any) -> ContestantSettings:
     """Settings by name: of the run, of the task, and those of `OBEYED`; validated.
@@ -94,175 +145,152 @@ def settings_of(**flat: Any) -> ContestantSettings:
     )
     for name in flat:
         check(name in names, unknown("setting of a contestant", name, names))
-    one_of("contestant", flat.get("contestant"), CONTESTANTS)
+    found = contestant_of(flat.get("contestant"))
     check("maze" in flat, "a task has no maze; give one in its settings")
     task = {name: value for name, value in flat.items() if name in of_task}
     drawn = {name: value for name, value in flat.items() if name in OBEYED}
-    entry = CONTESTANTS[flat["contestant"]]
     where, remedy = "settings of a contestant", "correct that line"
     learned = read_as(TaskSettings, task, where, remedy)
-    world, _, _ = world_and_contest(learned, 2)
+    check_task(learned)
     plain = {name: value for name, value in flat.items() if name in own}
-    plain |= {"task": asdict(learned), "library": f"{entry.package} {entry.version}"}
+    plain |= {"task": asdict(learned), "library": entry(found.algorithm).library}
     try:
-        plain["hyper"] = asdict(hyper_of(entry, world, drawn))
+        plain["hyper"] = asdict(hyper_of(found, learned, drawn))
     except TypeError as error:  # a string instead of a number
         raise ValueError(f"{where}: a value of a wrong type ({error}); {remedy}") from None
     return read_as(ContestantSettings, plain, where, remedy)
 
 
-def hyper_of(entry: Contestant, world: GridWorld, drawn: Table) -> PPOSettings:
+def check_task(task: TaskSettings) -> None:
+    """ValueError if the optimum of the task is not known, or longer episodes are better."""
+    world: Any = world_of(task)
+    several = f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
+    check(len(world.task.mazes) == 1, several)
+    contest = world.contest(2)
+    check(
+        contest.optimal() is not None and contest.measure == BY_STEPS,
+        f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and "
+        "an agent that minimises episode length; use a runner with up to "
+        f"{MAX_EXACT_GOALS} goals, or a chaser of one evader",
+    )
+
+
+def hyper_of(found: Contestant, task: TaskSettings, drawn: Table) -> PPOSettings:
     """The defaults of a contestant, overridden by the drawn settings.
 
     A minibatch is at most one rollout. A drawn discount is constant.
     """
-    values = dict(drawn)
+    values, base = dict(drawn), tuned(found.algorithm, task.profile())
+    if not isinstance(base, PPOSettings):
+        base = PPOSettings(shared=False, **{name: getattr(base, name) for name in OBEYED})
     if "gamma" in values:
         values["gamma_end"] = None
-    base = entry.defaults(world)
     frames = values.get("num_games", base.num_games)
     frames *= values.get("rollout_steps", base.rollout_steps)
     values["minibatch_size"] = min(values.get("minibatch_size", base.minibatch_size), frames)
     return replace(base, **values)
 
 
-def from_plain(plain: Plain, where: str) -> ContestantSettings:
-    """Settings from the `config.json` at `where`; ValueError if they are damaged."""
-    return read_as(ContestantSettings, plain, where, RESTORE)
+def ordinary(settings: ContestantSettings) -> AgentSettings:
+    """The settings of the same run by `pursuit train`; libraries observe one-hot vectors."""
+    found, own = contestant_of(settings.contestant), settings.hyper
+    form, profile = hyperparameter_form(found.algorithm), settings.task.profile()
+    how = curriculum_for(found.algorithm, profile, curriculum=found.curriculum)
+    return TrainSettings(
+        settings.task,
+        own if form is PPOSettings else form(**{name: getattr(own, name) for name in OBEYED}),
+        how[1],
+        found.algorithm,
+        how[0],
+        "one_hot" if entry(found.algorithm).own_loop else "auto",
+        **{name: getattr(settings, name) for name in ("seconds", "frames", "clock", "seed")},
+        threads=1,
+    )
 
 
 # -- a run -----------------------------------------------------------------------------------------
 
 
-def world_and_contest(task: TaskSettings, episodes: int) -> tuple[GridWorld, GameContest, Score]:
-    """The games of a task, its evaluation, and the exact optimum.
+def parts_of(settings: ContestantSettings) -> tuple[ContestantSettings, Parts]:
+    """The settings and the parts of a run; ValueError if its task cannot be compared."""
+    check_task(settings.task)
+    return settings, build_parts(single_parts, ordinary(settings))
 
-    Raises:
-        ValueError: the optimum of the task is not known, or longer episodes are better.
+
+class ComparedAgent(SingleAgent):
+    """A contestant: greedy and sampled policies are evaluated, and both clocks are measured.
+
+    Attributes:
+        name: of the contestant.
+        spent: seconds of rollouts and updates by each clock, without compilation.
     """
-    world: Any = world_of(task)
-    several = f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
-    check(len(world.task.mazes) == 1, several)
-    contest = world.contest(episodes)
-    optimum = contest.optimal()
-    if optimum is None or contest.measure != BY_STEPS:
-        raise ValueError(
-            f"{world.agent} of {task.task} in {task.maze}: a comparison needs a known optimum, and "
-            "an agent that minimises episode length; use a runner with up to "
-            f"{MAX_EXACT_GOALS} goals, or a chaser of one evader"
-        )
-    return world, contest, optimum
 
+    kind: ClassVar[str] = CONTESTANT
 
-def evaluate(trainer: Trainer, contest: GameContest, optimum: Score) -> dict[str, float]:
-    """The gaps of the current policy, with greedy and with sampled actions, and the better one."""
-    row: dict[str, float] = {}
-    scores = {}
-    with torch.random.fork_rng():
-        for name, greedy in (("greedy", True), ("sampled", False)):
-            score = contest.score(name, trainer.policy(greedy))
-            gap = optimality_gap(score, optimum)
-            assert gap is not None
-            row |= {name: gap, f"{name}_success": score.success_rate}
-            scores[name] = score
-    better = min(scores, key=lambda name: row[name])
-    row |= {"mean_steps": scores[better].mean_steps, "success_rate": scores[better].success_rate}
-    return row | {"optimality_gap": row[better]}
+    def __init__(self, name: str, parts: Parts, folder: Path, state: Plain | None = None) -> None:
+        self.name = name
+        super().__init__(parts, "greedy", state, load_final(folder).episodes)
+        torch.manual_seed(parts.build.seed)
+        self.spent = dict.fromkeys(CLOCKS, 0.0) if state is None else dict(state["spent"])
 
+    def iterate(self, clock: Clock) -> dict[str, float]:
+        """As of `SingleAgent`."""
+        began = {name: now_without_compilation(name) for name in CLOCKS}
+        figures = super().iterate(clock)
+        for name in CLOCKS:
+            self.spent[name] += now_without_compilation(name) - began[name]
+        return figures
 
-def learn(
-    settings: ContestantSettings, contest: GameContest, optimum: Score
-) -> list[dict[str, float]]:
-    """Train within the budget; returns a row for each evaluation.
+    def evaluate(self) -> dict[str, float]:
+        """The gaps of the current policy, greedy and sampled, and the steps of the better one."""
+        row, scores = {f"{clock}_seconds": spent for clock, spent in self.spent.items()}, {}
+        for name, success in (("greedy", "greedy_success"), ("sampled", "sampled_success")):
+            scores[name] = self.contest.score(name, self.learner.policy(name == "greedy"))
+            gap = optimality_gap(scores[name], self.optimum)
+            assert gap is not None  # see `check_task`
+            row |= {name: gap, success: scores[name].success_rate}
+        better = scores[min(scores, key=lambda name: row[name])]
+        row |= {"mean_steps": better.mean_steps, "success_rate": better.success_rate}
+        return row | {"optimality_gap": row[better.name]}
 
-    Rollouts and updates are timed; imports, compilation and evaluations are not. The run ends
-    before the iteration that would exceed the budget, assuming that it takes as long as the last.
-    """
-    world: Any = world_of(settings.task)
-    build = CONTESTANTS[settings.contestant].build
-    torch.set_num_threads(1)
-    keep_freed_memory()
-    warm = build(world, settings.hyper, WARM_UP_SEED)
-    warm.iterate(0.0)
-    evaluate(warm, replace(contest, episodes=2), optimum)
-    warm.close()
-    budget = Budget(settings.seconds, settings.frames)
-    number = settings.evaluations
-    marks = [n / number for n in range(1, number + 1)]
-    marks = [marks[0] / 4, marks[0] / 2, *marks] if number > 1 else marks
-    trainer = build(world, settings.hyper, settings.seed)
-    torch.manual_seed(settings.seed)
-    spent, seconds, rows, over = dict.fromkeys(CLOCKS, 0.0), 0.0, [], False
-    while not over:
-        before, began, began_processor = trainer.frames, perf_counter(), process_time()
-        trainer.iterate(budget.progress(seconds, trainer.frames))
-        took = {"wall": perf_counter() - began, "processor": process_time() - began_processor}
-        spent = {clock: spent[clock] + took[clock] for clock in CLOCKS}
-        seconds, last, frames = spent[settings.clock], took[settings.clock], trainer.frames - before
-        over = (
-            seconds + last > settings.seconds
-            if settings.seconds is not None
-            else trainer.frames + frames > (settings.frames or 0)
-        )
-        if over or budget.progress(seconds, trainer.frames) >= marks[0]:
-            while len(marks) > 1 and marks[0] <= budget.progress(seconds, trainer.frames):
-                marks.pop(0)
-            row: dict[str, float] = {"frames": trainer.frames, "seconds": seconds}
-            row |= {f"{clock}_seconds": each for clock, each in spent.items()}
-            rows.append(row | evaluate(trainer, contest, optimum))
-    trainer.close()
-    return rows
-
-
-@dataclass
-class ContestantRun:
-    """A run that is executed whole by `results`: as `train.runs.loop.Run` after training."""
-
-    settings: ContestantSettings
-    folder: Path
-    lock: FileLock | None = None
-    is_trained = True
-
-    def results(self, episodes: int, exact_seconds: float | None = None) -> Plain:
-        """Learn, and write `metrics.csv` and `results.json`; nothing large is solved here."""
-        settings = self.settings
-        _, contest, optimum = world_and_contest(settings.task, episodes)
-        rows = learn(settings, contest, optimum)
-        last = dict(rows[-1])
-        frames, seconds = int(last.pop("frames")), last.pop("seconds")
-        content = {
-            "kind": CONTESTANT,
-            "task": settings.task.task,
-            "maze": contest.task.mazes[0].name,
-            "algorithm": settings.contestant,
-            "seed": settings.seed,
-            "evaluation": {**last, "optimal_steps": optimum.mean_steps},
-            "objective": {"column": "mean_steps", "unit": "steps", "less_is_better": True},
-            "frames": frames,
-            "seconds": seconds,
-            "clock": settings.clock,
-            "frames_per_second": frames / max(seconds, 1e-9),
-            "interrupted": False,
-            "versions": versions(),
-            "machine": machine(),
+    def results(self, episodes: int) -> Plain:
+        """The last evaluation."""
+        assert self.optimum is not None
+        return {
+            "task": self.parts.settings.task.task,
+            "maze": self.parts.seat.task.mazes[0].name,
+            "algorithm": self.name,
+            "seed": self.parts.build.seed,
+            "evaluation": {**self.evaluate(), "optimal_steps": self.optimum.mean_steps},
         }
-        write_csv(self.folder / METRICS, rows)
-        write_json(self.folder / RESULTS, content)
-        return content
+
+    def state_dict(self) -> Plain:
+        """As of `SingleAgent`, with the seconds."""
+        return {**super().state_dict(), "spent": self.spent}
 
 
-def parts_of(settings: ContestantSettings) -> ContestantSettings:
-    """The settings themselves; ValueError if their task cannot be compared."""
-    world_and_contest(settings.task, 2)
-    return settings
+def run_of(
+    given: tuple[ContestantSettings, Parts], folder: Path, state: Plain | None
+) -> Run[ComparedAgent]:
+    """The run in its folder, after an iteration and an evaluation of a learner that is discarded:
+    they compile and import. It ends before the iteration that would exceed the budget."""
+    settings, parts = given
+    agent = partial(ComparedAgent, settings.contestant)
+    warm = agent(parts_of(replace(settings, seed=WARM_UP_SEED))[1], folder)
+    budget = Budget(settings.seconds, settings.frames, 1, settings.clock, within=True)
+    warm.iterate(Run(warm, folder, budget))
+    warm.brief().evaluate()
+    warm.close()
+    prepare_torch(1, settings.seed)
+    return build_run(agent, parts, folder, state, budget, settings.marks)
 
 
 KINDS[CONTESTANT] = Kind(
     ContestantSettings,
     settings_of,
-    from_plain,
+    lambda plain, where: read_as(ContestantSettings, plain, where, RESTORE),
     parts_of,
-    lambda settings, folder, _: ContestantRun(settings, folder),
+    run_of,
     "pursuit compare",
     (),
 )

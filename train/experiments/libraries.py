@@ -10,7 +10,7 @@ import numpy as np
 
 from train.evaluation.scores import Measure
 from train.experiments import figures
-from train.experiments.contestants import CONTESTANTS
+from train.experiments.contestant_runs import CONTESTANTS
 from train.experiments.measures import budget_note, note
 from train.experiments.rows import Content, StudyRows
 from train.experiments.statistics import (
@@ -135,7 +135,8 @@ def contestant_notes(study: StudyRows) -> list[str]:
 
 def title_of(contestant: str | None) -> str:
     """The name of a library in reports; "none" for None."""
-    return "none" if contestant is None else CONTESTANTS[contestant].title
+    known = CONTESTANTS.get(str(contestant))
+    return known.title if known else str(contestant or "none")
 
 
 def libraries_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:

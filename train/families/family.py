@@ -22,6 +22,7 @@ from train.teaching.teacher import EpisodeMetrics, Teacher
 
 if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
     from train.environments.simulator_env import SimulatorEnv
+    from train.environments.vector_env import LearnerVectorEnv
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,15 @@ class World(ABC):
         teacher = None if plan is None else Teacher(plan, batch, self.metrics(seat))
         how = (teacher, members, self.scale, self.bounded(discount))
         return SimulatorEnv(batch, seat, self.policies(seat), *how), teacher
+
+    def vector_games(
+        self, seat: Seat, num_games: int, seed: int, discount: float
+    ) -> LearnerVectorEnv:
+        """As `games`, for a learner with a loop of its own, and without a curriculum."""
+        from train.environments.vector_env import LearnerVectorEnv
+
+        batch, how = self.BATCH(seat.task, num_games, seed, 0, False), self.policies(seat)
+        return LearnerVectorEnv(batch, seat, how, self.scale, self.bounded(discount))
 
 
 @dataclass(frozen=True)

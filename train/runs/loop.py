@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -63,6 +63,9 @@ EVALUATIONS = 20
 class Budget:
     """The budget of a run: seconds of training, or frames; and torch's threads.
 
+    A run ends with the iteration that reaches its budget; with `within` before the one that would
+    exceed it, if that takes as long as the last one.
+
     With 0 threads and a budget in seconds, one or all threads are used, whichever is faster.
     Seconds are wall time, or the processor time of this process (`clock` "processor"), which
     depends less on other programs and includes the time of all threads. The compilation of kernels
@@ -73,6 +76,7 @@ class Budget:
     frames: int | None
     threads: int = 0
     clock: str = "wall"
+    within: bool = False
 
     @classmethod
     def of(cls, settings: WholeSettings) -> Budget:
@@ -98,9 +102,14 @@ class Budget:
 
     def progress(self, seconds: float, frames: int) -> float:
         """The share of the budget that is used, in [0, 1]."""
-        if self.frames is not None:
-            return min(frames / self.frames, 1.0)
-        return min(seconds / (self.seconds or 1.0), 1.0)
+        return min(self._share(seconds, frames), 1.0)
+
+    def is_exceeded(self, seconds: float, frames: int) -> bool:
+        """Whether these are more than the budget."""
+        return self._share(seconds, frames) > 1.0
+
+    def _share(self, seconds: float, frames: int) -> float:
+        return frames / self.frames if self.frames is not None else seconds / (self.seconds or 1.0)
 
 
 T = TypeVar("T", bound=Trainee, default=Trainee, covariant=True)
@@ -116,9 +125,12 @@ class Run(Generic[T]):
         folder: of the run, with its `config.json`.
         budget: of the training.
         state: the checkpoint of a resumed run; None for a new one.
+        marks: the shares of the budget at which the policy is evaluated and saved, in order; None
+            for `EVALUATIONS` in even distances.
 
     Attributes:
-        trainee, folder, budget: the arguments.
+        trainee, folder, budget, marks: the arguments.
+        ended: whether another iteration would exceed a budget with `within`.
         seconds: training time by the budget's clock, without evaluations and compilation.
         rows: the evaluations, of `metrics.csv`.
         figures: of the last iteration.
@@ -130,9 +142,16 @@ class Run(Generic[T]):
     """
 
     def __init__(
-        self, trainee: T, folder: Path, budget: Budget, state: Plain | None = None
+        self,
+        trainee: T,
+        folder: Path,
+        budget: Budget,
+        state: Plain | None = None,
+        marks: Sequence[float] | None = None,
     ) -> None:
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
+        even = [number / EVALUATIONS for number in range(1, EVALUATIONS + 1)]
+        self.marks, self.ended = even if marks is None else list(marks), False
         self.seconds, self.evaluations, self.figures = 0.0, 0, dict[str, float]()
         self.lock: BaseFileLock | None = None
         self.present: Callable[[Run[T], Plain], None] | None = None
@@ -140,7 +159,7 @@ class Run(Generic[T]):
         self.saved_frames = 0
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
-            self.figures = state.get("figures", {})
+            self.figures, self.ended = state.get("figures", {}), state.get("ended", False)
             set_random_states(state)
             self.saved_frames = trainee.frames
             self.rows = self._rows_of_checkpoint(state.get("rows"))
@@ -157,10 +176,10 @@ class Run(Generic[T]):
         rows = read_metrics(self.folder, self.trainee.objective.column)[:count]
         rows = [row for row in rows if row["frames"] <= self.trainee.frames]
         done = [
-            int(EVALUATIONS * self.budget.progress(row["seconds"], int(row["frames"])))
+            self._marks_until(self.budget.progress(row["seconds"], int(row["frames"])))
             for row in [{"seconds": 0.0, "frames": 0.0}, *rows][-2:]
         ]
-        if rows and rows[-1]["frames"] > 0 and done[0] == done[1]:
+        if rows and rows[-1]["frames"] > 0 and done[0] == done[1] and not self.ended:
             rows.pop()
         return rows
 
@@ -172,12 +191,20 @@ class Run(Generic[T]):
     @property
     def due(self) -> int:
         """The number of evaluations that are due so far, except one before training."""
-        return int(self.progress * EVALUATIONS)
+        return len(self.marks) if self.ended else self._marks_until(self.progress)
+
+    def _marks_until(self, progress: float) -> int:
+        return sum(mark <= progress for mark in self.marks)
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether the budget allows no further iteration."""
+        return self.ended or self.progress >= 1.0
 
     @property
     def is_trained(self) -> bool:
         """Whether the budget is spent and the last evaluation made."""
-        return self.progress >= 1.0 and self.evaluations >= self.due
+        return self.is_spent and self.evaluations >= self.due
 
     @own_defaults()
     def train(self, report: Report[T] = lambda run, row: None) -> None:
@@ -215,20 +242,22 @@ class Run(Generic[T]):
             last = self.rows[-1]["frames"] if self.rows else -1.0
             if self.due > self.evaluations or (self.stopped and last < trainee.frames):
                 self._record(signals, board, report)
-            if self.progress >= 1.0 or self.stopped:
+            if self.is_spent or self.stopped:
                 return
             before = f"the last one took {spent:.0f} s" if spent else "the first compiles kernels"
             message = f"saving after this iteration ({before}); another signal ends without saving"
             with signals.held("" if 0.0 < spent < 1.0 else message):
                 if choice is not None:
                     choice.choose()
-                began = self.budget.now()
+                began, frames = self.budget.now(), trainee.frames
                 with self._watched():
                     figures = trainee.iterate(self)
                 # Plain numbers, as the checkpoint holds them.
                 self.figures = {name: float(value) for name, value in figures.items()}
                 spent = self.budget.now() - began
                 self.seconds += spent
+                after = (self.seconds + spent, 2 * trainee.frames - frames)
+                self.ended = self.budget.within and self.budget.is_exceeded(*after)
                 if choice is not None:
                     choice.learn(spent)
                 for name, value in self.figures.items():
@@ -338,6 +367,7 @@ class Run(Generic[T]):
         marked as outdated."""
         state: Plain = {"seconds": self.seconds, "evaluations": self.evaluations}
         state |= {"rows": len(self.rows), "figures": self.figures, **random_states()}
+        state |= {"ended": True} if self.ended else {}
         save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **state})
         self.saved_frames = self.trainee.frames
         self.trainee.save_beside(self.folder)
@@ -412,15 +442,22 @@ def build_run(
     parts: P,
     folder: Path,
     state: Plain | None = None,
+    budget: Budget | None = None,
+    marks: Sequence[float] | None = None,
 ) -> Run[T]:
     """The run of `build_parts` in its folder, new or from a checkpoint.
+
+    Args:
+        trainee_of: (parts, folder, its state) -> the trainee.
+        parts, folder, state, marks: as of `Run`.
+        budget: None for that of the settings.
 
     Raises:
         ValueError: a checkpoint that does not match the settings.
     """
     try:
         trainee = trainee_of(parts, folder, None if state is None else state["trainee"])
-        return Run(trainee, folder, Budget.of(parts.settings), state)
+        return Run(trainee, folder, budget or Budget.of(parts.settings), state, marks)
     except MISFITS as error:
         if state is None:
             raise

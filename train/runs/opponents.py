@@ -49,6 +49,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     folder, greedy = as_path("folder", folder), check_bool("greedy", greedy)
     settings, state = load_settings(folder), load_checkpoint(folder)
     algorithm = entry(settings.algorithm)
+    _ = algorithm.library  # it is installed
     check(
         greedy or algorithm.learns_distribution,
         f"{folder}: {settings.algorithm} learns no distribution over actions; use greedy=True",

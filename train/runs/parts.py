@@ -31,6 +31,7 @@ from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import; only training needs them
     from train.environments.simulator_env import SimulatorEnv
+    from train.environments.vector_env import LearnerVectorEnv
 
 FEWEST_ITERATIONS, FEWEST_EPISODES = 10, 3
 """A budget for fewer iterations of the learner, or episodes of full length, is warned of."""
@@ -59,9 +60,12 @@ class Parts:
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[SimulatorEnv, Teacher | None]:
+    def games(self) -> tuple[SimulatorEnv | LearnerVectorEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
+        if self.algorithm.own_loop:
+            own = (games, self.build.seed, self.hyper.last_gamma)
+            return self.world.vector_games(self.seat, *own), None
         how = (self.build.seed, self.plan, self.rank * games, self.hyper.last_gamma)
         env, teacher = self.world.games(self.seat, games, *how)
         if teacher is not None and self.rank:
@@ -83,6 +87,8 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
         f"{algorithm.settings.__name__}",
     )
     algorithm.check(hyper, seat, settings.device, settings.evaluate == "greedy")
+    if algorithm.own_loop:
+        check_own_loop(settings)
     if not seat.continuous:
         check_min_probability(settings.min_probability, seat.num_actions)
     if isinstance(hyper, ReplaySettings):
@@ -133,6 +139,24 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
         shares = {name: getattr(hyper, name) // settings.processes for name in SHARED_OUT}
         hyper = replace(hyper, **shares)
     return Parts(settings, world, plan, seat, algorithm, hyper, build_of(settings), rank)
+
+
+def check_own_loop(settings: AgentSettings) -> None:
+    """ValueError for settings that an algorithm with its own loop and network does not support."""
+    given = {
+        "curriculum": ("none",),
+        "network": ("auto", "mlp", "flat"),
+        "frame_stack": (1,),
+        "device": ("cpu",),
+        "precision": ("auto", "float32"),
+    }
+    for name, able in given.items():
+        value = getattr(settings, name)
+        check(
+            value in able,
+            f"{name}={value!r} is not supported by {settings.algorithm}, which brings its own loop "
+            "and network; leave it out, or use ppo",
+        )
 
 
 def check_sizes(hyper: Hyperparameters, seat: Seat) -> None:
@@ -192,6 +216,7 @@ def settings_of(**flat: Any) -> AgentSettings:
 
 def build_of(settings: AgentSettings) -> Build:
     """The options of building a learner on this machine."""
-    bfloat16 = uses_bfloat16(settings.precision, settings.device)
+    own = entry(settings.algorithm).own_loop
+    bfloat16 = not own and uses_bfloat16(settings.precision, settings.device)
     fused = settings.fused == "auto"
     return Build(settings.device, bfloat16, settings.seed, fused)

@@ -43,7 +43,7 @@ KINDS: dict[str, Registry[Any]] = {
     **dict.fromkeys(("opponent", "chaser", "evader", "members"), POLICIES),
     "axis": AXIS_PARTS,
     "curriculum": CURRICULUM_PARTS,
-    "algorithm": LEARNERS,
+    **dict.fromkeys(("algorithm", "contestant"), LEARNERS),
     "sampling": SAMPLING_PARTS,
     "network": NETWORKS,
 }

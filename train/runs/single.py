@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class SingleAgent:
         parts: of the run.
         evaluate: the evaluated policy, greedy or sampled.
         state: a `state_dict`; None for a new run.
+        episodes: of an evaluation during training; None for `EPISODES`.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -57,7 +58,9 @@ class SingleAgent:
     kind: ClassVar[str] = RUN
     evaluates_first: ClassVar[bool] = False
 
-    def __init__(self, parts: Parts, evaluate: str, state: Plain | None = None) -> None:
+    def __init__(
+        self, parts: Parts, evaluate: str, state: Plain | None = None, episodes: int | None = None
+    ) -> None:
         self.parts, self.evaluated = parts, evaluate
         self.replicas: OtherProcesses | None = None
         self._final: AnyContest | None = None
@@ -67,7 +70,7 @@ class SingleAgent:
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
-        self.contest: AnyContest = parts.world.contest(EPISODES)
+        self.contest: AnyContest = parts.world.contest(episodes or EPISODES)
         self.optimum = self.contest.optimal()
         self.objective = self.contest.measure
 
@@ -171,7 +174,7 @@ class SingleAgent:
             **({} if self.update_form is None else {"update": self.update_form}),
         }
 
-    def brief(self) -> SingleAgent:
+    def brief(self) -> Self:
         """As `Trainee`."""
         small = copy(self)
         small.contest = small._final = self.parts.world.brief(BRIEF_EPISODES, BRIEF_STEPS)

@@ -22,6 +22,7 @@ from pursuit.plugins import reading
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check, check_bool
+from train.algorithms.stable_baselines import StableBaselinesNetwork
 from train.files import read_json, write_bytes, write_json
 from train.networks.policy import MazeSeat, NetworkPolicy
 from train.runs.forms import RESTORE, Description
@@ -29,24 +30,6 @@ from train.schemas import read_as
 from train.settings.mazes import titled
 from train.settings.task import TaskSettings
 from train.tensors import first_not_finite, loaded, own_defaults
-
-
-class StableBaselinesNetwork(torch.nn.Module):
-    """A Stable-Baselines3 policy as the network of a `LearnedPolicy`."""
-
-    def __init__(self, policy: Any) -> None:
-        super().__init__()
-        self.policy = policy
-
-    def logits(self, observation: torch.Tensor) -> torch.Tensor:
-        """[..., actions]: of the distribution, or the action values of DQN."""
-        shape = observation.shape[: -len(self.policy.observation_space.shape)]
-        flat = observation.reshape(-1, *self.policy.observation_space.shape)
-        if hasattr(self.policy, "q_net"):
-            logits = self.policy.q_net(flat)
-        else:
-            logits = self.policy.get_distribution(flat).distribution.logits
-        return logits.reshape(*shape, -1)
 
 
 def description_of(path: Path | str) -> Path:

@@ -20,6 +20,9 @@ from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import; only training needs them
     from train.environments.simulator_env import SimulatorEnv
+    from train.environments.vector_env import LearnerVectorEnv
+
+    AnyEnv = SimulatorEnv | LearnerVectorEnv
 
 FINISHED = ("returns", "lengths")
 """What is saved of the training episodes since the last evaluation."""
@@ -27,7 +30,7 @@ FINISHED = ("returns", "lengths")
 
 def build_env_and_learner(
     parts: Parts, state: Plain | None
-) -> tuple[SimulatorEnv, Teacher | None, Learner]:
+) -> tuple[AnyEnv, Teacher | None, Learner]:
     """The environment, the teacher and the learner: new, or restored from a `training_state`.
 
     Raises:
@@ -54,7 +57,7 @@ def build_env_and_learner(
     return env, teacher, learner
 
 
-def training_state(env: SimulatorEnv, teacher: Teacher | None, learner: Learner) -> Plain:
+def training_state(env: AnyEnv, teacher: Teacher | None, learner: Learner) -> Plain:
     """The state of learner, teacher and games, with the memories of policies."""
     return {
         "learner": learner.state_dict(),
@@ -87,7 +90,7 @@ def restore_simulator(simulator: Batch[Any], saved: dict[str, torch.Tensor]) -> 
 Memories = dict[str, dict[str, torch.Tensor]]
 
 
-def policy_memories(env: SimulatorEnv) -> Memories:
+def policy_memories(env: AnyEnv) -> Memories:
     """Copies of all memories, by agent index (and opponent) and name."""
     return {
         place: {name: torch.from_numpy(_plain(array).copy()) for name, array in arrays.items()}
@@ -95,7 +98,7 @@ def policy_memories(env: SimulatorEnv) -> Memories:
     }
 
 
-def restore_policy_memories(env: SimulatorEnv, saved: Memories) -> None:
+def restore_policy_memories(env: AnyEnv, saved: Memories) -> None:
     """Restore `policy_memories` of such an environment, before it is stepped.
 
     Opponents that are missing here are ignored; new ones start with an empty memory.

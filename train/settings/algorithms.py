@@ -81,6 +81,21 @@ class RolloutSettings(ActorCriticSettings):
     """Lambda of generalised advantage estimation."""
 
 
+def check_minibatch(hyper: Hyperparameters, standardized: bool) -> None:
+    """ValueError unless a minibatch is a part of a rollout, from which advantages can be scaled."""
+    frames, size = hyper.num_games * hyper.rollout_steps, hyper.minibatch_size
+    check(
+        size <= frames,
+        f"minibatch_size={size} is more than a rollout of num_games × rollout_steps = {frames} "
+        "frames; lower it",
+    )
+    check(
+        size > 1 or not standardized,
+        f"minibatch_size={size} is too small: advantages are standardised in each minibatch, which "
+        "needs at least 2 frames; raise it",
+    )
+
+
 @dataclass(frozen=True)
 class PPOSettings(RolloutSettings):
     """Proximal policy optimisation (Schulman et al., 2017).
@@ -104,21 +119,44 @@ class PPOSettings(RolloutSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        frames = self.num_games * self.rollout_steps
-        check(
-            self.minibatch_size <= frames,
-            f"minibatch_size={self.minibatch_size} is more than a rollout of num_games × "
-            f"rollout_steps = {frames} frames; lower it",
-        )
-        check(
-            self.minibatch_size > 1 or not self.standardize_advantages,
-            f"minibatch_size={self.minibatch_size} is too small: advantages are standardised in "
-            "each minibatch, which needs at least 2 frames; raise it",
-        )
+        check_minibatch(self, self.standardize_advantages)
 
     def as_ppo(self) -> PPOSettings:
         """These."""
         return self
+
+
+@dataclass(frozen=True)
+class LibraryPPOSettings(Hyperparameters):
+    """PPO of another library: the settings that all have, with the usual defaults of libraries for
+    losses and network, and ours for sizes. The learning rate is annealed to 0."""
+
+    rollout_steps: Count = 16
+    """Steps of every game in a rollout."""
+    minibatch_size: Count = 4096
+    """Frames of one gradient step."""
+    epochs: Count = 2
+    """Passes over each rollout."""
+    learning_rate: Positive = 1e-2
+    """Initial learning rate of Adam."""
+    gae_lambda: Share = 0.9
+    """Lambda of generalised advantage estimation."""
+    clip: Positive = 0.2
+    """Clipping range of the probability ratio."""
+    entropy_coef: NotNegative = 0.01
+    """Weight of the entropy bonus."""
+    value_coef: NotNegative = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: Positive = 0.5
+    """Gradients are clipped to this norm."""
+    width: Count = 128
+    """Units of each of the two hidden layers."""
+    activation: Activation = "tanh"
+    """Activation function: relu or tanh."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_minibatch(self, standardized=True)
 
 
 def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:
@@ -368,6 +406,8 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "mappo": MAPPOSettings,
     "vdn": VDNSettings,
     "qmix": QMIXSettings,
+    "sb3_ppo": LibraryPPOSettings,
+    "cleanrl_ppo": LibraryPPOSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 

@@ -14,14 +14,24 @@ import pytest
 from executed_here import executed_here
 
 from train.commands.main import main
-from train.experiments import contestant_runs, executors
-from train.experiments.contestant_runs import hyper_of, learn, settings_of, world_and_contest
-from train.experiments.contestants import CONTESTANTS
+from train.experiments import executors
+from train.experiments.contestant_runs import (
+    CONTESTANT,
+    CONTESTANTS,
+    ComparedAgent,
+    hyper_of,
+    ordinary,
+    settings_of,
+)
 from train.experiments.rows import CURVES, RUNS, curve_measures
 from train.experiments.stages import Stage, stages_of
 from train.experiments.study import StudyFile, choose_version, read_file
 from train.experiments.tuning import last_trials, least_copy_of, mazes_of
 from train.experiments.variants import times_row
+from train.kinds import open_run, resume, write_config
+from train.runs.folder import is_complete, read_metrics
+from train.runs.forms import Final
+from train.settings.presets import tuned
 from train.settings.task import TaskSettings
 
 pytest.importorskip("stable_baselines3")
@@ -130,14 +140,13 @@ def test_a_failed_run_is_reported_and_retried(
         raise RuntimeError("no luck")
 
     alone = TINY.replace('"ours", "stable-baselines3"', '"ours"')
-    entry = CONTESTANTS["ours"]
-    monkeypatch.setitem(CONTESTANTS, "ours", replace(entry, build=broken))
+    monkeypatch.setattr(ComparedAgent, "iterate", broken)
     with pytest.raises(SystemExit):
         compare(tmp_path, alone)
     assert "of 'ours' on 'runner, 2x2' is complete; see" in capsys.readouterr().out
     errors = list((tmp_path / "out" / "tuning").rglob("error.txt"))
     assert len(errors) == 2 and "no luck" in errors[0].read_text(encoding="utf-8")
-    monkeypatch.setitem(CONTESTANTS, "ours", entry)
+    monkeypatch.undo()
     compare(tmp_path, alone)
     assert not list((tmp_path / "out").rglob("error.txt"))
 
@@ -222,28 +231,127 @@ def test_times_are_censored_and_medians_need_more_than_half() -> None:
     assert median(1.0, 2.0, None, None) == float("inf")
 
 
+def started(folder: Path, name: str, frames: int = 200, **changed: Any) -> Any:
+    """A run of a contestant in a new folder, of iterations of 64 frames."""
+    drawn = {"num_games": 8, "rollout_steps": 8, "minibatch_size": 32, "width": 16, **changed}
+    task = {"task": "maze", "maze": "3x3", "num_goals": 1}
+    settings: Any = settings_of(contestant=name, seed=3, frames=frames, **task, **drawn)
+    folder.mkdir(exist_ok=True)
+    write_config(CONTESTANT, settings, folder, Final(50))
+    return open_run(folder)
+
+
 @pytest.mark.parametrize("name", CONTESTANTS)
-def test_every_contestant_learns_and_is_evaluated_equally(name: str) -> None:
-    drawn = {"num_games": 8, "rollout_steps": 8, "minibatch_size": 32, "width": 16}
-    settings = settings_of(
-        contestant=name, task="maze", maze="3x3", num_goals=1, seed=3, frames=200, **drawn
+def test_every_contestant_learns_and_is_evaluated_equally(name: str, tmp_path: Path) -> None:
+    run = started(tmp_path, name)
+    # Initial policies are nearly uniform for all observations.
+    trainee = run.trainee
+    games = trainee.contest.starts().games
+    probabilities = trainee.learner.policy(greedy=False).distribution(
+        trainee.parts.seat.task, games, 0
     )
-    world, contest, optimum = world_and_contest(RUNNER, 50)
-    rows = learn(settings, contest, optimum)
+    assert np.allclose(probabilities.mean(axis=0), 0.25, atol=0.1)
+    run.train()
+    rows, content = read_metrics(tmp_path), run.results(50)
     assert [row["frames"] for row in rows] == [64, 128, 192]  # a fourth would not fit
     assert all(row["processor_seconds"] > 0 and row["greedy"] >= 0 for row in rows)
     assert all(row["optimality_gap"] == min(row["greedy"], row["sampled"]) for row in rows)
-    # Initial policies are nearly uniform for all observations.
-    trainer = CONTESTANTS[name].build(world, settings.hyper, 3)
-    probabilities = trainer.policy(greedy=False).distribution(world.task, contest.starts().games, 0)
-    trainer.close()
-    assert np.allclose(probabilities.mean(axis=0), 0.25, atol=0.1)
+    assert run.is_trained and is_complete(tmp_path) and content["algorithm"] == name
+    assert content["evaluation"].items() >= {n: rows[-1][n] for n in ("greedy", "sampled")}.items()
+    run.lock.release()
+    assert read_metrics(tmp_path) == open_run(tmp_path).rows
 
 
-def test_a_discount_that_is_drawn_is_that_of_every_contestant() -> None:
-    world, *_ = world_and_contest(replace(RUNNER, num_goals=8), 50)
-    ours = CONTESTANTS["ours"]
-    assert contestant_runs.hyper_of(ours, world, {}).gamma_end == pytest.approx(0.997)
-    for entry in CONTESTANTS.values():
-        drawn = hyper_of(entry, world, {"gamma": 0.95})
+def test_a_comparison_resumes_where_it_was_stopped(tmp_path: Path) -> None:
+    whole = started(tmp_path / "whole", "cleanrl")
+    whole.train()
+    half = started(tmp_path / "half", "cleanrl")
+
+    def stop(run: Any, row: dict[str, float]) -> None:
+        run.stopped = run.trainee.frames >= 64
+
+    half.train(stop)
+    half.results(50)
+    assert not is_complete(tmp_path / "half")
+    half.lock.release()
+    again: Any = resume(tmp_path / "half", CONTESTANT)
+    again.train()
+    for one, two in zip(whole.rows, again.rows, strict=True):
+        for column in ("frames", "greedy", "sampled", "mean_steps"):
+            assert one[column] == two[column]
+    assert again.seconds == pytest.approx(again.trainee.spent["wall"], abs=0.05)
+
+
+def test_the_marks_of_evaluations(tmp_path: Path) -> None:
+    marks = started(tmp_path, "cleanrl", evaluations=4).marks
+    assert marks == [1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0]
+
+
+def test_settings_are_those_of_the_presets_and_of_the_libraries() -> None:
+    eight = replace(RUNNER, num_goals=8)
+    ours = hyper_of(CONTESTANTS["ours"], eight, {})
+    assert ours == tuned("ppo", eight.profile()) and ours.gamma_end == pytest.approx(0.997)
+    for name, entry in CONTESTANTS.items():
+        drawn = hyper_of(entry, eight, {"gamma": 0.95})
         assert drawn.gamma == drawn.last_gamma == 0.95
+        flat = {"task": "chase", "maze": "9x9", "num_games": 64, "clip": 0.3}
+        run: Any = ordinary(settings_of(contestant=name, frames=9, **flat))
+        assert run.hyper.clip == 0.3 and run.hyper.minibatch_size <= 64 * run.hyper.rollout_steps
+        assert run.observation == ("index" if "ours" in name else "one_hot")
+        assert run.curriculum == ("start-distance" if name == "ours" else "none")
+    with pytest.raises(ValueError, match="'a2c' has no setting clip, epochs, minibatch_size"):
+        settings_of(contestant="a2c", task="chase", maze="3x3", frames=9)
+
+
+# -- a library of one's own ------------------------------------------------------------------------
+
+LIBRARY = "my_parts:LOOP"
+OWN = """
+title = "Own"
+episodes = 20
+[settings]
+frames = 512
+task = "maze"
+maze = "2x2"
+num_goals = 1
+num_games = 8
+rollout_steps = 8
+minibatch_size = 32
+width = 16
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("sweep", f"[grid]\nalgorithm = ['ppo', '{LIBRARY}', 'sb3_ppo']"),
+        (
+            "ablate",
+            "control = 'ppo'\nvariants = [{name='ppo', algorithm='ppo'}, "
+            f"{{name='own', algorithm='{LIBRARY}'}}, {{name='clean', algorithm='cleanrl_ppo'}}]",
+        ),
+        (
+            "compare",
+            f"kind = 'contestant'\n[grid]\ncontestant = ['ours', '{LIBRARY}']\n[[variants]]\n"
+            "name = '2x2'\ntask = 'maze'\n[short]\n[full]",
+        ),
+    ],
+)
+def test_a_library_of_ones_own_is_one_file(
+    command: str, more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "own_parts"))
+    monkeypatch.setattr("pursuit.plugins._allowed", {"my_parts"})
+    top, tables = (OWN, more) if command != "ablate" else (more + OWN, "")
+    if command == "compare":
+        kind, _, tables = more.partition("\n")
+        top = kind + OWN.replace('task = "maze"\n', "")
+    (tmp_path / "own.toml").write_text(f"{top}\n{tables}", encoding="utf-8")
+    with executed_here():
+        main([command, str(tmp_path / "own.toml"), "--out", str(tmp_path / "out")])
+    rows = told(tmp_path / "out" / "report" / "runs.csv")
+    column = {"sweep": "algorithm", "ablate": "algorithm", "compare": "contestant"}[command]
+    own = next(row for row in rows if row[column] == LIBRARY)
+    assert own["status"] == "complete" and float(own["mean_steps"]) >= 1.0
+    assert all(row["status"] == "complete" for row in rows)
+    assert LIBRARY in (tmp_path / "out" / "report" / "report.md").read_text() or command == "ablate"

@@ -1,4 +1,4 @@
-"""PPO in the form of CleanRL's single file, for comparisons of libraries.
+"""PPO in the form of CleanRL's single file, with a loop of its own.
 
 CleanRL is a set of scripts and no package, so its loop is written here from its description: Huang
 et al. (2022), "The 37 Implementation Details of Proximal Policy Optimization", the thirteen core
@@ -11,17 +11,22 @@ networks for policy and value.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
 from torch.distributions import Categorical
 
-from pursuit.environments.single_agent import SingleAgentVectorEnv
-from train.settings.algorithms import PPOSettings
+from train.algorithms.learner import Build, LearnedNetwork, means
+from train.environments.vector_env import LearnerVectorEnv
+from train.networks.flat import FlatInputs, FlatNetwork
+from train.networks.seat import Seat
+from train.settings.algorithms import LibraryPPOSettings
 
 
-def perceptron(inputs: int, outputs: int, settings: PPOSettings, gain: float) -> nn.Sequential:
+def perceptron(
+    inputs: int, outputs: int, settings: LibraryPPOSettings, gain: float
+) -> nn.Sequential:
     """Two hidden layers and an output layer with orthogonal weights, and biases of 0."""
     between = nn.Tanh if settings.activation == "tanh" else nn.ReLU
     sizes = [inputs, settings.width, settings.width, outputs]
@@ -37,7 +42,7 @@ def perceptron(inputs: int, outputs: int, settings: PPOSettings, gain: float) ->
 class ActorCritic(nn.Module):
     """A policy and a value with separate networks of flat observations [..., inputs]."""
 
-    def __init__(self, inputs: int, actions: int, settings: PPOSettings) -> None:
+    def __init__(self, inputs: int, actions: int, settings: LibraryPPOSettings) -> None:
         super().__init__()
         self.actor = perceptron(inputs, actions, settings, 0.01)
         self.critic = perceptron(inputs, 1, settings, 1.0)
@@ -51,46 +56,51 @@ class ActorCritic(nn.Module):
         return torch.as_tensor(self.critic(observation)).squeeze(-1)
 
 
-class PlainPPO:
-    """The learner, over games that start again in the step that ends them.
+def network_of(settings: LibraryPPOSettings, player: Seat, build: Build) -> FlatNetwork:
+    """A new network for the player."""
+    inputs = FlatInputs(player.features)
+    return FlatNetwork(inputs, ActorCritic(inputs.size, player.num_actions, settings))
+
+
+class CleanRLPPO(LearnedNetwork):
+    """The learner.
 
     As in the description, a truncated episode counts as terminated: the value of its last state is
     0. Our own learners use its value there.
 
     Args:
-        settings: the hyperparameters; `shared` and those of a KL penalty are not used.
-        envs: with flat float32 observations.
-        seed: of the games, the weights and the sampled actions.
+        settings: the hyperparameters.
+        env: the games.
+        build: the seed of the games; weights and sampled actions are drawn from torch's generator.
 
     Attributes:
-        frames: environment steps, summed over all games.
-        network: what is learned.
+        model: what is learned.
+        now: [games, inputs] the current observations.
     """
 
-    def __init__(self, settings: PPOSettings, envs: SingleAgentVectorEnv, seed: int) -> None:
-        torch.manual_seed(seed)
-        self.settings, self.envs, self.frames = settings, envs, 0
-        inputs = math.prod(envs.single_observation_space.shape or ())
-        self.network = ActorCritic(inputs, envs.task.num_actions, settings)
-        parameters = self.network.parameters()
-        self.optimizer = torch.optim.Adam(parameters, lr=settings.learning_rate, eps=1e-5)
-        self.now = flat(envs.reset(seed=seed)[0])
+    def __init__(self, settings: LibraryPPOSettings, env: LearnerVectorEnv, build: Build) -> None:
+        super().__init__(env, network_of(settings, env.player, build))
+        self.settings, self.model = settings, cast(ActorCritic, self.network.network)
+        self.optimizer = torch.optim.Adam(
+            self.model.parameters(), lr=settings.learning_rate, eps=1e-5
+        )
+        self.now = torch.from_numpy(env.reset(seed=build.seed)[0])
 
-    def iterate(self, progress: float) -> None:
-        """A rollout and an update; `progress` in [0, 1] is the used share of the budget."""
+    def iterate(self, progress: float) -> dict[str, float]:
+        """A rollout and an update."""
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.learning_rate * (1.0 - progress)
         rows: list[tuple[Tensor, ...]] = []
         with torch.no_grad():
             for _ in range(self.settings.rollout_steps):
-                policy = distribution(self.network.logits(self.now))
-                drawn, value = policy.sample(), self.network.value(self.now)
-                seen, reward, terminated, truncated, _ = self.envs.step(drawn.numpy())
+                policy = distribution(self.model.logits(self.now))
+                drawn, value = policy.sample(), self.model.value(self.now)
+                seen, reward, terminated, truncated, _ = self.env.step(drawn.numpy())
                 given = torch.from_numpy(reward), torch.from_numpy(terminated | truncated).float()
                 rows.append((self.now, drawn, policy.log_prob(drawn), value, *given))
-                self.now = flat(seen)
+                self.now = torch.from_numpy(seen)
                 self.frames += len(drawn)
-            last = self.network.value(self.now)
+            last = self.model.value(self.now)
         columns = [torch.stack(column) for column in zip(*rows, strict=True)]
         observations, actions, log_probs, values, rewards, ended = columns
         settings, following = self.settings, torch.zeros_like(last)
@@ -101,35 +111,33 @@ class PlainPPO:
             following = error + settings.gamma * settings.gae_lambda * goes_on * following
             advantages[step], last = following, values[step]
         batch = (observations, actions, log_probs, values, advantages)
-        self._update([column.flatten(0, 1) for column in batch])
+        return means(self._update([column.flatten(0, 1) for column in batch]))
 
-    def _update(self, batch: list[Tensor]) -> None:
-        settings = self.settings
+    def _update(self, batch: list[Tensor]) -> list[dict[str, Tensor]]:
+        settings, logged = self.settings, list[dict[str, Tensor]]()
         for _ in range(settings.epochs):
             for chosen in torch.split(torch.randperm(len(batch[0])), settings.minibatch_size):
                 observation, actions, log_probs, values, advantages = (c[chosen] for c in batch)
-                policy = distribution(self.network.logits(observation))
+                policy = distribution(self.model.logits(observation))
                 ratio = (policy.log_prob(actions) - log_probs).exp()
                 gain = (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
                 clipped = ratio.clamp(1.0 - settings.clip, 1.0 + settings.clip)
                 objective = torch.minimum(ratio * gain, clipped * gain).mean()
-                value, target = self.network.value(observation), advantages + values
+                value, target = self.model.value(observation), advantages + values
                 near = values + (value - values).clamp(-settings.clip, settings.clip)
                 errors = torch.maximum((value - target).square(), (near - target).square())
                 entropy = policy.entropy().mean()
-                loss = 0.5 * settings.value_coef * errors.mean() - objective
-                loss = loss - settings.entropy_coef * entropy
+                critic = 0.5 * settings.value_coef * errors.mean()
+                loss = critic - objective - settings.entropy_coef * entropy
                 self.optimizer.zero_grad()
                 loss.backward()
-                nn.utils.clip_grad_norm_(self.network.parameters(), settings.max_grad_norm)
+                nn.utils.clip_grad_norm_(self.model.parameters(), settings.max_grad_norm)
                 self.optimizer.step()
+                terms = {"loss_objective": -objective, "loss_critic": critic, "entropy": entropy}
+                logged.append({name: term.detach() for name, term in terms.items()})
+        return logged
 
 
 def distribution(logits: Tensor) -> Any:
     """The distribution of actions; torch's methods of it have no types."""
     return Categorical(logits=logits)
-
-
-def flat(observations: Any) -> Tensor:
-    """[games, inputs] of an array [games, *shape]."""
-    return torch.from_numpy(observations.reshape(len(observations), -1))
