@@ -261,7 +261,7 @@ Flag = Annotated[bool, Rule(check_bool)]
 
 
 @cache
-def rules_of(form: Any) -> Mapping[str, tuple[Rule, ...]]:
+def field_rules(form: Any) -> Mapping[str, tuple[Rule, ...]]:
     """The rules of the fields of a dataclass, by name."""
     hints = get_type_hints(form, include_extras=True)
     return {
@@ -280,7 +280,7 @@ def check_fields(settings: Any) -> None:
         value = plain(getattr(settings, field.name))
         object.__setattr__(settings, field.name, value)
         if value is not None or field.default is not None:
-            for each in rules_of(form)[field.name]:
+            for each in field_rules(form)[field.name]:
                 value = each.checked(field.name, value)
                 object.__setattr__(settings, field.name, value)
 

@@ -39,7 +39,7 @@ DEFAULTS: dict[str, type[Scripted]] = {
 """The default scripted agent of each role."""
 
 
-SCRIPTED = ("astar", "random", "equilibrium")
+SCRIPTED_NAMES = ("astar", "random", "equilibrium")
 """The names on the command line of scripted agents with a full view, which play all roles."""
 
 SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
@@ -52,7 +52,7 @@ SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
 UNIFORM = "uniform"
 """The name of `UniformAgent`, which is in no table of references."""
 
-AGENTS = (*SCRIPTED, UNIFORM, *SEARCHERS)
+AGENTS = (*SCRIPTED_NAMES, UNIFORM, *SEARCHERS)
 """All names of scripted agents."""
 
 POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(

@@ -18,10 +18,10 @@ from train.evaluation.sides import Sides
 from train.kinds import resume, start
 from train.runs.folder import SELF_PLAY
 from train.runs.loop import Run
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.self_play.learners import learning_side
 from train.self_play.pool import OpponentPool
-from train.settings.self_play import ROLES, LearningSide, SelfPlaySettings, self_play_ppo
+from train.settings.self_play import OPPOSING_ROLES, LearningSide, SelfPlaySettings, self_play_ppo
 from train.settings.task import TaskSettings
 
 
@@ -31,7 +31,7 @@ def sides_of_task(task: Any, discount: float = 0.95, **settings: Any) -> Sides:
     if isinstance(task, GameTask):
         given = SimpleNamespace(sides=task.agent_names)
         return SmallGameSides(SimpleNamespace(settings=given), task, discount)
-    return MazeSides(world_of(given), task, discount)
+    return MazeSides(task_world_of(given), task, discount)
 
 
 def tables_of(run: Run[Any]) -> dict[str, Any]:
@@ -56,7 +56,7 @@ class Always:
 
 def make_settings(**changes: Any) -> SelfPlaySettings:
     task = {"maze": "3x3", "rewards": "zero_sum", **changes.pop("task", {})}
-    sides = dict.fromkeys(ROLES, LearningSide(hyper=changes.pop("hyper", QUICK)))
+    sides = dict.fromkeys(OPPOSING_ROLES, LearningSide(hyper=changes.pop("hyper", QUICK)))
     given: dict[str, Any] = {**sides, "frames": 40_000, "snapshots": 5, **changes}
     return SelfPlaySettings(task=TaskSettings(**task), **given)
 

@@ -20,7 +20,7 @@ from train.families import family_of
 from train.kinds import resume, start
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.parts import contest_of, settings_of
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.self_play.parts import game_of_all, self_play_settings_of
 
 ROOT = Path(__file__).parents[1]
@@ -190,7 +190,7 @@ def test_what_it_does_not_have_is_said(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_it_can_be_registered_under_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    world_of(settings())  # loads it
+    task_world_of(settings())  # loads it
     name = "line_of_tests"
     train.families.register(name, line().FAMILY)
     assert family_of(settings_of(**{**SHORT, "task": name}).task) is line().FAMILY

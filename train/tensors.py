@@ -14,7 +14,7 @@ import torch
 
 from pursuit.files import cannot_write, write_atomically
 
-State = dict[str, Any]
+StateDict = dict[str, Any]
 """Tensors and plain values by name: the content of a checkpoint, or a part of it."""
 
 REMEDY = "restore it from a copy"
@@ -82,7 +82,7 @@ def read_tensors(path: Path) -> Any:
                     f"{path}: damaged, or not written by pursuit: its checksum does not match; "
                     f"{REMEDY}"
                 )
-            return loaded(file, path)
+            return loaded_tensors(file, path)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 
@@ -110,7 +110,7 @@ def _checksum_fits(file: BinaryIO) -> bool:
     return left == 0 and file.read() == MARK + digest.digest()
 
 
-def loaded(file: BinaryIO, path: Path) -> Any:
+def loaded_tensors(file: BinaryIO, path: Path) -> Any:
     """The content that torch saved in `file` at `path`, without running code from it.
 
     Raises:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pursuit.environments.interface import GameInterface
 from pursuit.environments.types import Actions, Options, Space
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.observations.masks import EVERY_SEAT, action_masks, has_masks, warn_of_masks
+from pursuit.observations.masks import EVERY_SEAT, action_masks, task_has_masks, warn_of_masks
 from pursuit.rendering.rendering import AgentMark, Scene
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import ESCAPED
@@ -49,7 +49,7 @@ class MazeInterface(GameInterface):
         self._world = lay_out(self.task.mazes).world
         if check_bool("mask_bumps", mask_bumps):
             warn_of_masks(self.task)
-        self.mask_bumps = has_masks(self.task, mask_bumps)
+        self.mask_bumps = task_has_masks(self.task, mask_bumps)
 
     def observation_space(self, seat: int) -> Space:
         """That of the encoding."""
@@ -98,7 +98,7 @@ class MazeInterface(GameInterface):
         return action_masks(simulator.games, self._world, self.task, seats, simulator.terminated)
 
     def masks(self, seat: int) -> NDArray[np.bool_]:
-        """All True unless `has_masks`."""
+        """All True unless `task_has_masks`."""
         return self._masks(slice(seat, seat + 1))[:, 0] if self.mask_bumps else super().masks(seat)
 
     def all_masks(self) -> Sequence[NDArray[np.int8]] | NDArray[np.int8]:

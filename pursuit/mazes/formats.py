@@ -32,7 +32,7 @@ class Drawing(NamedTuple):
     exits: tuple[tuple[int, int], ...] = ()
 
 
-def fail(name: str, line: int, problem: str) -> NoReturn:
+def fail_at_line(name: str, line: int, problem: str) -> NoReturn:
     """ValueError for a line of a file, from 1."""
     raise ValueError(f"{name}: line {line}: {problem}")
 
@@ -81,7 +81,7 @@ def read_walls(text: str, name: str) -> Drawing:
             continue
         else:
             problem = f"unknown character {character!r}; a cell is ' ', 'S', 'G', 'E' or '#'"
-        fail(name, row + first, f"{where}: {problem}")
+        fail_at_line(name, row + first, f"{where}: {problem}")
     south, east = blank[2:-1:2, 1::2], blank[1::2, 2:-1:2]
     goals, exits = (
         tuple((row, column) for row, column in np.argwhere(cells == mark).tolist())
@@ -113,21 +113,21 @@ def _check_rectangular(lines: Sequence[str], first: int, name: str) -> None:
     ]
     if length % 2 == 0 or length < 3 or 2 * len(short) > len(lines):
         widest = next(number for number, line in enumerate(lines) if len(line) == length)
-        fail(
+        fail_at_line(
             name,
             widest + first,
             f"{length} characters: the maze is not rectangular; give every line the same odd "
             "number, 2W+1 for W cells",
         )
     if short:
-        fail(
+        fail_at_line(
             name,
             short[0] + first,
             f"{len(lines[short[0]])} characters where another line has {length}: the maze is not "
             "rectangular; give every line the same length",
         )
     if len(lines) % 2 == 0 or len(lines) < 3:
-        fail(
+        fail_at_line(
             name,
             len(lines) - 1 + first,
             f"the maze ends after {len(lines)} lines; H cells need an odd number, 2H+1: is the "
@@ -158,14 +158,14 @@ def read_movingai(text: str, name: str) -> Drawing:
     for line, row in enumerate(rows, text[: header.end()].count("\n") + 1):
         unknown = set(row) - set(PASSABLE + IMPASSABLE)
         if unknown:
-            fail(
+            fail_at_line(
                 name,
                 line,
                 f"unknown terrain {min(unknown)!r}; passable is {PASSABLE!r}, impassable "
                 f"{IMPASSABLE!r}",
             )
         if len(row) != width:
-            fail(name, line, f"{len(row)} characters, but the header says width {width}")
+            fail_at_line(name, line, f"{len(row)} characters, but the header says width {width}")
     if not height or not width:
         raise ValueError(f"{name}: the map has no cells; give a height and width of 1 or more")
     walkable = np.isin(_grid_of(rows), list(PASSABLE))

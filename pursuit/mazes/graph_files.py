@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pursuit.mazes.formats import fail
+from pursuit.mazes.formats import fail_at_line
 from pursuit.mazes.graphs import (
     MAX_MOVES,
     GraphDrawing,
+    check_cell_names,
     check_connected,
-    check_names,
     read_graph,
 )
 from pursuit.validation import shortened
@@ -32,7 +32,7 @@ _HEAD = re.compile(rf"{HEADER} of (\d{{1,9}}) cells and (\d{{1,9}}) moves")
 _LINE = re.compile(r'(\d+) ("(?:[^"\\]|\\.)*") (\S+) (\S+)((?: [SG])?): ([\d ]*)')
 
 
-def text_of(maze: Any) -> str:
+def graph_text(maze: Any) -> str:
     """A graph in the text format: a line for each cell with its number, name, position, mark, and
     the cell after each move."""
     lines = [f"{HEADER} of {maze.num_cells} cells and {maze.num_moves} moves"]
@@ -73,25 +73,31 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
         found = _LINE.fullmatch(line.strip())
         if not found or found[1] != str(cell):
             form = f'line {cell + 2} is: {cell} "name" x y: neighbors'
-            fail(name, cell + 2, f"{shortened(line)}; {form}")
+            fail_at_line(name, cell + 2, f"{shortened(line)}; {form}")
         try:
             places.append((float(found[3]), float(found[4])))
             names.append(json.loads(found[2]))
             row = [int(word) for word in found[6].split()]
         except ValueError:
-            fail(name, cell + 2, f"{shortened(line)}; a name is in quotes, x and y are numbers")
+            fail_at_line(
+                name, cell + 2, f"{shortened(line)}; a name is in quotes, x and y are numbers"
+            )
         if not np.isfinite(places[-1]).all():
-            fail(name, cell + 2, f"the position {found[3]} {found[4]}; x and y are finite numbers")
+            fail_at_line(
+                name, cell + 2, f"the position {found[3]} {found[4]}; x and y are finite numbers"
+            )
         if len(row) != most or any(there >= cells for there in row):
-            fail(name, cell + 2, f"neighbors {shortened(row)}; give {most}, each below {cells}")
+            fail_at_line(
+                name, cell + 2, f"neighbors {shortened(row)}; give {most}, each below {cells}"
+            )
         rows.append([*row, cell])
         starts += [cell] if found[5] == " S" else []
         goals += [cell] if found[5] == " G" else []
         if len(starts) > 1:
             problem = f"a second start mark S, after that of line {starts[0] + 2}; keep one"
-            fail(name, cell + 2, problem)
+            fail_at_line(name, cell + 2, problem)
     neighbors = np.array(rows, dtype=np.int32)
-    check_names(names, name)
+    check_cell_names(names, name)
     check_connected(neighbors, names, name)
     start = starts[0] if starts else None
     return GraphDrawing(tuple(names), np.array(places), neighbors, start, tuple(goals))

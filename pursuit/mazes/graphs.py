@@ -84,7 +84,7 @@ def read_graph(
     names = [str(node) for node in nodes]
     if not nodes:
         raise ValueError(f"{name}: a graph without nodes; give at least one")
-    check_names(names, name)
+    check_cell_names(names, name)
     number = {node: index for index, node in enumerate(nodes)}
     streets = list(_streets(graph, name, length))
     cells = len(nodes) + sum(steps - 1 for _, _, steps, _ in streets)
@@ -106,7 +106,7 @@ def read_graph(
             for here, there in pairwise(way):
                 first = here == way[0]
                 moves[here].append((action if first else -1, order if first else 0, there))
-    check_names(names, name)  # a node may have the name of a cell within an edge
+    check_cell_names(names, name)  # a node may have the name of a cell within an edge
     most = _most_moves(moves, names, name, num_moves)
     neighbors = np.repeat(np.arange(len(names), dtype=np.int32)[:, None], most + 1, axis=1)
     for cell, found in enumerate(moves):
@@ -134,7 +134,7 @@ def check_cells(cells: int, name: str) -> None:
         )
 
 
-def check_names(names: list[str], name: str) -> None:
+def check_cell_names(names: list[str], name: str) -> None:
     """ValueError if two cells have one name."""
     if len(set(names)) < len(names):
         ((twice, _),) = Counter(names).most_common(1)

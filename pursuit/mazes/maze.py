@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.mazes.formats import Drawing, read_walls
-from pursuit.mazes.graph_files import is_graph_text, read_graph_text, text_of
+from pursuit.mazes.graph_files import graph_text, is_graph_text, read_graph_text
 from pursuit.mazes.graphs import MAX_TABLE_CELLS as MAX_TABLE_CELLS
 from pursuit.mazes.graphs import GraphDrawing, read_graph, to_networkx
 from pursuit.mazes.sources import LIBRARY as LIBRARY
@@ -307,7 +307,7 @@ class Maze:
     def to_text(self) -> str:
         """The maze in the text format, which `Maze.from_text` reads."""
         if not self.is_grid:
-            return text_of(self)
+            return graph_text(self)
         grid = np.full((2 * self.height + 1, 2 * self.width + 1), " ", dtype="<U1")
         grid[::2, ::2] = "+"
         grid[::2, 1::2] = "-"

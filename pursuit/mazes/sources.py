@@ -16,7 +16,7 @@ from pursuit.mazes.graph_files import (
     read_graphml,
 )
 from pursuit.mazes.graphs import GraphDrawing, read_graph
-from pursuit.mazes.suite_files import drawing_of_row, is_suite, rows_of
+from pursuit.mazes.suite_files import drawing_of_row, is_suite, suite_rows
 from pursuit.memory import check_memory
 from pursuit.validation import unknown
 
@@ -46,7 +46,7 @@ def drawing_of(maze: str | Path) -> tuple[Drawing | GraphDrawing, str]:
         ValueError: as `load_maze`.
     """
     if isinstance(maze, str) and is_suite(maze):
-        rows = rows_of(maze)
+        rows = suite_rows(maze)
         if len(rows) > 1:
             raise ValueError(
                 f"maze {maze!r} is {len(rows)} mazes, but one is needed; give one of them, such "

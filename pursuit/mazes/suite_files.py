@@ -80,7 +80,7 @@ def is_suite(maze: object) -> bool:
     return isinstance(maze, str) and maze.startswith(PREFIX)
 
 
-def rows_of(given: str) -> tuple[Row, ...]:
+def suite_rows(given: str) -> tuple[Row, ...]:
     """The rows of a suite (`"7x7-test"`), of one maze (`"7x7-test/017"`) or of a range of mazes
     (`"7x7-train/0-99"`). The prefix `suite:` is optional.
 

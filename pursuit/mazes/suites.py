@@ -12,7 +12,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.mazes.suite_files import (
     drawing_of_row,
     is_suite,
-    rows_of,
+    suite_rows,
 )
 from pursuit.mazes.suite_files import suite_names as suite_names
 
@@ -35,7 +35,7 @@ def load_suite(name: str) -> tuple[Maze, ...]:
 
 @lru_cache(maxsize=64)
 def _suite(name: str) -> tuple[Maze, ...]:
-    return tuple(Maze.from_drawing(drawing_of_row(row), row.name) for row in rows_of(name))
+    return tuple(Maze.from_drawing(drawing_of_row(row), row.name) for row in suite_rows(name))
 
 
 def load_mazes(given: str | Path | Maze | Sequence[str | Path | Maze]) -> tuple[Maze, ...]:

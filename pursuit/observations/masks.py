@@ -35,7 +35,7 @@ def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
     return masks | ~masks.any(axis=1, keepdims=True)
 
 
-def has_masks(task: Task, mask_bumps: bool) -> bool:
+def task_has_masks(task: Task, mask_bumps: bool) -> bool:
     """Whether the agents of a task get masks: asked for by `mask_bumps`, or in turns."""
     return mask_bumps or task.options.turns
 

@@ -4,8 +4,8 @@
          0   1   2             angles[j] is relative to the link before, angles[0] to the x-axis
 
 Links have length 1. Angles are in [-pi, pi); joints have no stops, so differences of angles are
-taken on the circle. Inner functions take `Arms`, `Outcome`, `NextEpisode` and `Rules`; the kernels
-take flat arrays, as unboxing named tuples takes longer than a step of one arm.
+taken on the circle. Inner functions take `Arms`, `Outcome`, `NextEpisode` and `ArmRules`; the
+kernels take flat arrays, as unboxing named tuples takes longer than a step of one arm.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class NextEpisode(NamedTuple):
     tolerance: Reals
 
 
-class Rules(NamedTuple):
+class ArmRules(NamedTuple):
     """The numbers of a `ReacherTask`; start is KEPT, RANDOM or FIXED."""
 
     start: int
@@ -164,7 +164,7 @@ def least_radius(joints: int, free_joints: int) -> int:
 
 @inlined
 def begin(
-    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: Rules, arm: int
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: ArmRules, arm: int
 ) -> None:
     """Start an episode: the pose, then the target."""
     joints = arms.angles.shape[1]
@@ -207,7 +207,7 @@ def begin(
 
 @inlined
 def move(
-    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: Rules, arm: int,
+    arms: Arms, outcome: Outcome, pending: NextEpisode, streams: Words, rules: ArmRules, arm: int,
     actions: Reals, auto_restart: bool,
 ) -> None:  # fmt: skip
     """Turn the joints of one arm, and set its reward and flags."""
@@ -258,15 +258,15 @@ def keep_final(arms: Arms, outcome: Outcome, arm: int) -> None:
 
 
 @inlined
-def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Words, Rules]:
+def arms_of(arrays: Any) -> tuple[Arms, Outcome, NextEpisode, Words, ArmRules]:
     """The flat arguments of a kernel as named tuples; `ReacherSimulator` passes them in this order.
 
     They are the fields of `Arms`, of `Outcome` without `final`, of `final`, of `NextEpisode`, the
-    streams [arms, streams] uint64, and the fields of `Rules`.
+    streams [arms, streams] uint64, and the fields of `ArmRules`.
     """
     arms, final = Arms(*arrays[0:8]), Arms(*arrays[14:22])
     outcome = Outcome(*arrays[8:14], final)  # type: ignore[call-arg]
-    return arms, outcome, NextEpisode(*arrays[22:27]), arrays[27], Rules(*arrays[28:32])
+    return arms, outcome, NextEpisode(*arrays[22:27]), arrays[27], ArmRules(*arrays[28:32])
 
 
 @compiled

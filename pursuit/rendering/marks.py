@@ -48,7 +48,7 @@ class AgentMark:
         return self.name.rpartition("_")[2]
 
 
-def outcome_of(fates: Sequence[str], goals: int, num_goals: int) -> str:
+def outcome_text(fates: Sequence[str], goals: int, num_goals: int) -> str:
     """What became of the evaders and goals, as "1 captured, 1 escaped, all goals collected".
 
     Args:

@@ -34,7 +34,7 @@ from pursuit.rules.layout import (
     Memory,
     Options,
     Outcome,
-    Rules,
+    StepRules,
     Teams,
     World,
     agents_of,
@@ -43,8 +43,8 @@ from pursuit.rules.layout import (
     next_episode_of,
     options_of,
     outcome_of,
-    rules_of,
     search_of,
+    step_rules_of,
     step_scratch_of,
     teams_of,
     world_of,
@@ -74,7 +74,7 @@ def keep_final(games: Games, game: int, teams: Teams, num_exits: int, outcome: O
 
 
 @inlined
-def start_game(memory: Memory, game: int, rules: Rules, world: World, scratch: Ints) -> None:
+def start_game(memory: Memory, game: int, rules: StepRules, world: World, scratch: Ints) -> None:
     """Start an episode of one game with its pending settings."""
     outcome, pending = outcome_of(memory), next_episode_of(memory)
     for agent in agents_of(rules.teams):
@@ -94,7 +94,7 @@ def finish_episodes(
     memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
 ) -> None:
     """Copy the last state of games that ended, and restart them if asked to; without options."""
-    rules = rules_of(teams_of(numbers), numbers, coefficients, PLAIN)
+    rules = step_rules_of(teams_of(numbers), numbers, coefficients, PLAIN)
     finish(memory, rules, world, scratch, restart)
 
 
@@ -103,12 +103,14 @@ def finish_with_options(
     memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
 ) -> None:
     """As `finish_episodes`, with the options of the rules."""
-    rules = rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
+    rules = step_rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
     finish(memory, rules, world, scratch, restart)
 
 
 @inlined
-def finish(memory: Memory, rules: Rules, world: World, scratch: Ints, auto_restart: bool) -> None:
+def finish(
+    memory: Memory, rules: StepRules, world: World, scratch: Ints, auto_restart: bool
+) -> None:
     """Copy the last state of games that ended, and restart them if `auto_restart`."""
     games, outcome = games_of(memory), outcome_of(memory)
     for game in range(outcome.terminated.shape[0]):
@@ -159,7 +161,7 @@ def all_allowed(actions: Ints, num_actions: int) -> bool:
 
 @inlined
 def step_each(
-    memory: Memory, actions: Ints, rules: Rules, world: World, scratch: Ints, skip_ended: bool,
+    memory: Memory, actions: Ints, rules: StepRules, world: World, scratch: Ints, skip_ended: bool,
     plain: bool,
 ) -> None:  # fmt: skip
     """Step every game, or every game that has not ended if `skip_ended`.
@@ -209,7 +211,7 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
             goals if goals >= 0 else found.goals,
         )
         options = PLAIN if plain else options_of(numbers)
-        rules = rules_of(teams, numbers, coefficients, options)
+        rules = step_rules_of(teams, numbers, coefficients, options)
         if not all_allowed(actions, rules.num_actions):
             return BAD_ACTION
         if plain and not fits(memory, actions, teams):
@@ -248,7 +250,7 @@ def start_games(
 ) -> None:  # fmt: skip
     """Start a new episode in every game of the mask `chosen`."""
     memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
-    rules = rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
+    rules = step_rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
     world = world_of(mazes, neighbors, facts, tables)
     outcome = outcome_of(memory)
     for game in range(chosen.shape[0]):

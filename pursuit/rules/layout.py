@@ -34,11 +34,11 @@ from pursuit.rules.terms import RUNNER as RUNNER
 from pursuit.rules.terms import SURROUND as SURROUND
 from pursuit.rules.terms import Options as Options
 from pursuit.rules.terms import RewardCoefficients as RewardCoefficients
-from pursuit.rules.terms import Rules as Rules
+from pursuit.rules.terms import StepRules as StepRules
 from pursuit.rules.terms import Teams as Teams
 from pursuit.rules.terms import numbers_of as numbers_of
 from pursuit.rules.terms import options_of as options_of
-from pursuit.rules.terms import rules_of as rules_of
+from pursuit.rules.terms import step_rules_of as step_rules_of
 from pursuit.rules.terms import teams_of as teams_of
 
 NORTH, SOUTH, EAST, WEST, STAY = range(5)

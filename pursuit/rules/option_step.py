@@ -18,7 +18,7 @@ from pursuit.rules.layout import (
     Games,
     Memory,
     Outcome,
-    Rules,
+    StepRules,
     StepScratch,
     World,
     agents_of,
@@ -35,7 +35,7 @@ from pursuit.rules.turn import Turn, destination, is_free, legal_moves, meets_ev
 
 @inlined
 def step_with_options(
-    games: Games, game: int, actions: Ints, rules: Rules, world: World, plan: StepScratch,
+    games: Games, game: int, actions: Ints, rules: StepRules, world: World, plan: StepScratch,
     outcome: Outcome, memory: Memory,
 ) -> int:  # fmt: skip
     """Step one game; return as `step.step`. `memory` holds the chances and the stream of slips."""

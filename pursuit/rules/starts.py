@@ -25,8 +25,8 @@ from pursuit.rules.layout import (
     UNPLACED,
     Games,
     NextEpisode,
-    Rules,
     Search,
+    StepRules,
     World,
     agents_of,
     chasers_of,
@@ -44,7 +44,7 @@ class Start(NamedTuple):
     game: int
     streams: Words
     pending: NextEpisode
-    rules: Rules
+    rules: StepRules
     world: World
     search: Search
 

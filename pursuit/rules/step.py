@@ -26,7 +26,7 @@ from pursuit.rules.layout import (
     TRUNCATED,
     Games,
     Outcome,
-    Rules,
+    StepRules,
     StepScratch,
     World,
     agents_of,
@@ -57,7 +57,7 @@ from pursuit.rules.turn import (
 
 @inlined
 def step(
-    games: Games, game: int, actions: Ints, rules: Rules, world: World, plan: StepScratch,
+    games: Games, game: int, actions: Ints, rules: StepRules, world: World, plan: StepScratch,
     outcome: Outcome,
 ) -> int:  # fmt: skip
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""

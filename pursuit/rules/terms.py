@@ -60,7 +60,7 @@ PLAIN = Options(CELL, 1, True, False, False, False, False, 0)
 """The rules without options."""
 
 
-class Rules(NamedTuple):
+class StepRules(NamedTuple):
     """The settings of a task that the rules use.
 
     fixed_exits: [mazes * exits] int64, the exits of every maze, -1 if it has fewer; empty if exits
@@ -92,7 +92,7 @@ def numbers_of(
     options: Options = PLAIN,
     fixed_exits: Sequence[int] = (),
 ) -> Longs:
-    """[...] int64: the teams and the integer rules, an argument of kernels; see `rules_of`."""
+    """[...] int64: the teams and the integer rules, an argument of kernels; see `step_rules_of`."""
     rules = (max_steps, num_actions, chasers_first, start_at_marks)
     return np.array([*teams, *rules, *options, *fixed_exits], dtype=np.int64)
 
@@ -120,9 +120,9 @@ def options_of(numbers: Longs) -> Options:
 
 
 @inlined
-def rules_of(teams: Teams, numbers: Longs, coefficients: Reals, options: Options) -> Rules:
+def step_rules_of(teams: Teams, numbers: Longs, coefficients: Reals, options: Options) -> StepRules:
     """The rules for these teams and options: `numbers` is the result of `numbers_of`."""
-    return Rules(
+    return StepRules(
         teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
         rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
         rewards_of(coefficients[RUNNER]), options, numbers[FIXED_EXITS_AT:],

@@ -13,7 +13,7 @@ from pursuit.rules.layout import (
     SURROUND,
     Games,
     Outcome,
-    Rules,
+    StepRules,
     StepScratch,
     World,
     stay_of,
@@ -35,7 +35,7 @@ class Turn(NamedTuple):
 
     games: Games
     game: int
-    rules: Rules
+    rules: StepRules
     world: World
     first_cell: int
     plan: StepScratch

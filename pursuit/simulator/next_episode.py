@@ -14,7 +14,7 @@ from pursuit.validation import as_array, whole_numbers
 LARGEST = 2**31 - 1
 
 
-def limits_of(task: Task) -> dict[str, tuple[int, int]]:
+def setting_limits(task: Task) -> dict[str, tuple[int, int]]:
     """The smallest and largest values of the integer settings."""
     return {
         "maze": (-1, len(task.mazes) - 1),

@@ -19,8 +19,8 @@ from pursuit.simulator.next_episode import (
     fill,
     fill_epsilon,
     game_indices,
-    limits_of,
     placed_exits,
+    setting_limits,
 )
 from pursuit.simulator.policy import GameArrays, GameView, Policy, play_all
 from pursuit.simulator.state import OWN, SimulatorState, check_values
@@ -233,7 +233,7 @@ class Simulator(GameArrays, Batch[Task]):
         if goals_around is not None:
             one_of("goals_around", goals_around, ("start", "marks"))
             numbers["goals_around_marks"] = int(goals_around == "marks")
-        limits = limits_of(task)
+        limits = setting_limits(task)
         for name, value in numbers.items():
             if value is not None:
                 changed[name] = np.empty(len(chosen), dtype=np.int32)

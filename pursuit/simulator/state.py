@@ -10,7 +10,7 @@ import numpy as np
 
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import UNCHANGED, NextEpisode
-from pursuit.simulator.next_episode import check_waiting, limits_of
+from pursuit.simulator.next_episode import check_waiting, setting_limits
 from pursuit.tasks.task import Task
 
 OWN = (
@@ -71,7 +71,7 @@ def check_values(state: SimulatorState, task: Task) -> None:
         check_range(state, "exits", -1, sizes - 1)
     if task.options.slips:
         check_range(state, "slip", 0, 1)
-    for name, limits in limits_of(task).items():
+    for name, limits in setting_limits(task).items():
         check_range(state, f"next_{name}", *limits)
     for name in ("next_epsilon", "next_slip") if task.options.slips else ("next_epsilon",):
         shares = getattr(state, name)

@@ -41,7 +41,7 @@ from pursuit.tasks.visibility import (
     check_agent_choice,
     check_view_radius,
     check_visible,
-    limits_of,
+    view_limits_of,
     visibility_of,
 )
 from pursuit.validation import (
@@ -233,7 +233,7 @@ class Task:
     @cached_property
     def _limits(self) -> tuple[Limit, ...]:
         checked: Any = (self.view_radius, self.line_of_sight, self.unknown_maze)
-        return limits_of(self.agent_names, *checked)
+        return view_limits_of(self.agent_names, *checked)
 
     @cached_property
     def sight(self) -> Visibility:

@@ -260,7 +260,7 @@ def agent_choice_text(chosen: AgentChoice) -> str:
     return ",".join(chosen)
 
 
-def limits_of(
+def view_limits_of(
     agents: Sequence[str], radius: ViewRadius, in_line: AgentChoice, unknown: AgentChoice
 ) -> tuple[Limit, ...]:
     """The limit of every agent; the entry of an agent overrides that of its role.

@@ -47,7 +47,7 @@ class TablePolicy:
         self._check(task.mazes, task.stay_action)
         actions = np.empty(view.num_games, dtype=np.int32)
         table_kernels.sample_table(
-            view.games, view.streams, view.epsilon, view.seat, opponents_of(task, view.seat),
+            view.games, view.streams, view.epsilon, view.seat, opponent_seats(task, view.seat),
             view.mazes, self._cumulative, self._offsets, self.epsilon, actions,
         )  # fmt: skip
         return actions
@@ -73,7 +73,7 @@ class TablePolicy:
         """
         self._check(task.mazes, task.stay_action)
         table = self.action_probabilities(self.maze, task.stay_action)
-        others = opponents_of(task, seat)
+        others = opponent_seats(task, seat)
         first = games.active[:, others].argmax(axis=1)
         other = np.take_along_axis(games.position[:, others], first[:, None], axis=1)[:, 0]
         return table[games.position[:, seat], other]
@@ -91,7 +91,7 @@ class TablePolicy:
         return (1.0 - self.epsilon) * self.table + self.epsilon * random
 
 
-def opponents_of(task: Task, seat: int) -> NDArray[np.int64]:
+def opponent_seats(task: Task, seat: int) -> NDArray[np.int64]:
     """The indices of agents of other roles; of all other agents if there is only one role.
 
     Raises:

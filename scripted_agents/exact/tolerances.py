@@ -28,7 +28,7 @@ MAX_SWEEPS = 100_000
 MAX_DUEL_SWEEPS, MAX_DUEL_UPDATES = 200_000, 20_000_000_000
 """The same in a duel: sweeps, and sweeps times values (some minutes)."""
 
-WINDOW = 9
+SWEEP_WINDOW = 9
 """Number of consecutive changes from which their rate of decrease is estimated."""
 
 MAX_THREADS = 8

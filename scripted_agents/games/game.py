@@ -15,7 +15,7 @@ State: TypeAlias = Any
 """A hashable object, of which kind is up to the game."""
 Action: TypeAlias = Any
 """Likewise."""
-Outcome = tuple[float, Hashable, Sequence[float], bool]
+Transition = tuple[float, Hashable, Sequence[float], bool]
 """Probability, next state, the reward of each player, and whether the game has ended."""
 
 
@@ -44,7 +44,7 @@ class Game(Protocol):
         """The actions of a player, by its index, in a state; at least one."""
         ...
 
-    def transitions(self, state: State, actions: tuple[Action, ...]) -> Iterable[Outcome]:
+    def transitions(self, state: State, actions: tuple[Action, ...]) -> Iterable[Transition]:
         """What can follow when the players choose these actions; probabilities with sum 1."""
         ...
 
@@ -99,7 +99,7 @@ class ParallelGame:
         actions: Sequence[int] = state[1][player]
         return actions
 
-    def transitions(self, state: State, actions: tuple[int, ...]) -> list[Outcome]:
+    def transitions(self, state: State, actions: tuple[int, ...]) -> list[Transition]:
         """The one outcome of a step, found twice."""
         first, second = self._step(state, actions), self._step(state, actions)
         if first != second:
@@ -110,7 +110,7 @@ class ParallelGame:
             )
         return [first]
 
-    def _step(self, state: State, actions: tuple[int, ...]) -> Outcome:
+    def _step(self, state: State, actions: tuple[int, ...]) -> Transition:
         self._restore(self.env, state[0])
         if not self.env.agents:
             raise ValueError(

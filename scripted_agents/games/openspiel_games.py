@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pursuit.validation import shortened, whole
 from scripted_agents.games.enumeration import enumerate_game
-from scripted_agents.games.game import Action, Outcome, State
-from scripted_agents.games.openspiel_loading import loaded
+from scripted_agents.games.game import Action, State, Transition
+from scripted_agents.games.openspiel_loading import loaded_game
 
 COUNTED_STEPS = 100
 """A limit of at most so many steps is a rule of the small game, also where the text hides it."""
@@ -88,7 +88,7 @@ class OpenSpielGame:
     """
 
     def __init__(self, game: pyspiel.Game | str, horizon: int | None = None) -> None:
-        self.spiel, in_text = loaded(game)
+        self.spiel, in_text = loaded_game(game)
         if horizon is not None and in_text is not None:
             raise ValueError(f"game={game!r} with horizon={horizon}; give one horizon")
         horizon = in_text if horizon is None else horizon
@@ -158,7 +158,7 @@ class OpenSpielGame:
         """The legal actions; None for a player that is not to move."""
         return list(state[3][player]) or [None]
 
-    def transitions(self, state: State, actions: tuple[Action, ...]) -> list[Outcome]:
+    def transitions(self, state: State, actions: tuple[Action, ...]) -> list[Transition]:
         """The positions after these actions and the moves of chance, with the gained returns."""
         found = self._after(state, self._positions[state], actions)
         for _, following, _, position in found:

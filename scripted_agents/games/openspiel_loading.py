@@ -41,7 +41,7 @@ except Exception as error:
 """Loads and plays a game in another process, as some parameters end the process or never return."""
 
 
-def loaded(game: pyspiel.Game | str) -> tuple[pyspiel.Game, int | None]:
+def loaded_game(game: pyspiel.Game | str) -> tuple[pyspiel.Game, int | None]:
     """A game of OpenSpiel, by its name or as it is, and the horizon that is not its own."""
     if isinstance(game, pyspiel.Game):
         return game, None

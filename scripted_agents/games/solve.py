@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from pursuit.validation import number, shortened, whole
 from scripted_agents.exact.joint.layout import NO_SLIPS, Store
 from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, SolvedGame
-from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_game
+from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_stochastic_game
 from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
 
@@ -234,7 +234,7 @@ def equilibrium(
     many = [max(map(len, actions)) for actions in game.actions]
     store, lotteries = _store(game, many[1])
     played = StochasticGame(store, (many[0], many[1]), discount, lotteries=lotteries)
-    values, _ = solve_game(played, horizon)
+    values, _ = solve_stochastic_game(played, horizon)
     tables = {}
     for player, (name, dense) in enumerate(zip(game.players, played.strategies(), strict=True)):
         sizes = np.diff(game.offsets(player))

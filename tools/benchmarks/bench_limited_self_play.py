@@ -21,7 +21,7 @@ from train.evaluation.matchups import discounted_steps
 from train.files import write_text
 from train.kinds import open_run
 from train.self_play.parts import self_play_settings_of
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 FRAMES = 2_000_000
 GAMES = 4000
@@ -58,7 +58,7 @@ def scores(job: tuple[Path, str, str, int]) -> dict[str, Any]:
     run = open_run(folder) if folder.exists() else train.start("self-play", settings, folder)
     run.train()
     task, results = settings.task.build(), run.results()
-    pair: dict[str, Policy] = {role: run.trainee.policy(role) for role in ROLES}
+    pair: dict[str, Policy] = {role: run.trainee.policy(role) for role in OPPOSING_ROLES}
     found: dict[str, Any] = {"views": views, "memory": memory, "seed": seed}
     found |= {"seconds": results["seconds"], "pair": value(task, pair)}
     found["bounds"] = results.get("limited_best_responses", {})

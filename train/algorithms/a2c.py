@@ -13,7 +13,7 @@ from train.algorithms.fused_rollouts import FusedEngine, fused_engine
 from train.algorithms.ppo import PPO
 from train.algorithms.rollouts import Frames, TorchEngine
 from train.networks.fused_actor_critic import LossCoefficients
-from train.tensors import State
+from train.tensors import StateDict
 
 
 class A2C(PPO):
@@ -97,7 +97,7 @@ class Reinforce(A2C):
         self.frames += len(target)
         return frames
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state; the next episodes are new ones."""
         super().load_state_dict(state)
         self.env.resume = False

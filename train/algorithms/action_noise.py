@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from train.tensors import State
+from train.tensors import StateDict
 
 
 class ActionNoise:
@@ -53,11 +53,11 @@ class ActionNoise:
         """Reset the noise to 0 in the games of the mask [num_games]."""
         self.state = self.state.masked_fill(games.cpu()[:, None], 0.0)
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The noise, and the state of the generator."""
         return {"state": self.state, "generator": self.generator.get_state()}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         self.state = state["state"].clone()
         self.generator.set_state(state["generator"])

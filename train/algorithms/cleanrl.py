@@ -56,10 +56,10 @@ class ActorCritic(nn.Module):
         return torch.as_tensor(self.critic(observation)).squeeze(-1)
 
 
-def network_of(settings: LibraryPPOSettings, player: Seat, build: Build) -> FlatNetwork:
-    """A new network for the player."""
-    inputs = FlatInputs(player.features)
-    return FlatNetwork(inputs, ActorCritic(inputs.size, player.num_actions, settings))
+def network_of(settings: LibraryPPOSettings, seat: Seat, build: Build) -> FlatNetwork:
+    """A new network for the seat."""
+    inputs = FlatInputs(seat.features)
+    return FlatNetwork(inputs, ActorCritic(inputs.size, seat.num_actions, settings))
 
 
 class CleanRLPPO(LearnedNetwork):

@@ -20,12 +20,12 @@ from train.algorithms.continuous_losses import (
 )
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch, returns_to_expect
+from train.algorithms.replay import Minibatch, returns_to_expect
 from train.algorithms.rollouts import Figures
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor, polyak_update
 from train.networks.seat import Seat
 from train.settings.off_policy import ContinuousSettings, SACSettings, TD3Settings
-from train.tensors import State
+from train.tensors import StateDict
 
 Actor = TypeVar("Actor", DeterministicActor, GaussianActor)
 
@@ -50,11 +50,11 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
     network: Actor
 
     def __init__(self, settings: ContinuousSettings, env: VecEnv, options: Build) -> None:
-        player, device, steps = env.player, options.device, settings.rollout_steps
-        self.num_actions = player.num_actions
-        actor = self.network_of(settings, player, options)
+        seat, device, steps = env.player, options.device, settings.rollout_steps
+        self.num_actions = seat.num_actions
+        actor = self.network_of(settings, seat, options)
         hidden = options.hidden(settings)
-        critics = Critics(player.features, self.num_actions, hidden, self.CRITICS).to(device)
+        critics = Critics(seat.features, self.num_actions, hidden, self.CRITICS).to(device)
         noise = (settings.noise, settings.noise_theta, env.num_games)
         self.noise = ActionNoise(*noise, self.num_actions, options.seed)
         self.random_actions = True
@@ -67,10 +67,10 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
 
     @classmethod
     def network_of(
-        cls, settings: ContinuousSettings, player: Seat, options: Build
+        cls, settings: ContinuousSettings, seat: Seat, options: Build
     ) -> DeterministicActor | GaussianActor:
-        """A new actor for the player."""
-        actor = cls.FORM(player.features, player.num_actions, options.hidden(settings))
+        """A new actor for the seat."""
+        actor = cls.FORM(seat.features, seat.num_actions, options.hidden(settings))
         return actor.to(options.device)
 
     def parts(self) -> dict[str, HasState]:
@@ -102,7 +102,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
             action = (action + noise.step()).clamp_(-1.0, 1.0)
         return {"action": action}, state
 
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, Figures]:
+    def learn(self, batch: Minibatch) -> tuple[torch.Tensor, Figures]:
         """A gradient step of the critics, and every `policy_delay` steps of actor and targets."""
         prepare = self.network.trunk.prepare
         prepared, following = prepare(batch["observation"]), prepare(batch["next_observation"])
@@ -124,7 +124,7 @@ class ContinuousLearner(OffPolicyLearner, Generic[Actor]):
         """[batch]: the values of the next observations, by the target networks."""
 
     @abstractmethod
-    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Minibatch) -> None:
         """A gradient step of the actor."""
 
     def update_targets(self) -> None:
@@ -155,7 +155,7 @@ class DDPG(ContinuousLearner[DeterministicActor]):
         """The minimum of the target critics for the target actor's action."""
         return self.target_critics(following, self.next_action(following)).amin(dim=0)
 
-    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Minibatch) -> None:
         """A gradient step of the actor towards higher values."""
         self.descend(deterministic_actor_loss(self.network, self.critics, prepared, batch))
 
@@ -201,7 +201,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         """As in the base class, with the temperature's optimiser."""
         return {**super().parts(), "temperature_optimizer": self.temperature_optimizer}
 
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, Figures]:
+    def learn(self, batch: Minibatch) -> tuple[torch.Tensor, Figures]:
         """A gradient step of the critics, the actor and the temperature."""
         error, figures = super().learn(batch)
         return error, {**figures, "temperature": self.log_alpha.detach().exp()}
@@ -212,7 +212,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         values = self.target_critics(following, action).amin(dim=0)
         return values - self.log_alpha.exp() * log_prob
 
-    def learn_actor(self, prepared: torch.Tensor, batch: Batch) -> None:
+    def learn_actor(self, prepared: torch.Tensor, batch: Minibatch) -> None:
         """A gradient step of the actor towards higher values and entropy; then the temperature."""
         alpha = self.log_alpha.detach().exp()
         loss, log_prob = soft_actor_loss(self.network, self.critics, prepared, batch, alpha)
@@ -223,11 +223,11 @@ class SAC(ContinuousLearner[GaussianActor]):
             torch.autograd.backward(temperature_loss(self.log_alpha, log_prob, target, batch))
             self.temperature_optimizer.step()
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The state, with the temperature."""
         return super().state_dict() | {"log_alpha": self.log_alpha.detach()}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         super().load_state_dict(state)
         with torch.no_grad():

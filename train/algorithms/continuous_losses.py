@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import torch
 
-from train.algorithms.replay import Batch, weighted_mean
+from train.algorithms.replay import Minibatch, weighted_mean
 from train.networks.continuous import Critics, DeterministicActor, GaussianActor
 
 
@@ -35,7 +35,7 @@ def next_action(
 
 
 def critic_loss(
-    values: torch.Tensor, goal: torch.Tensor, batch: Batch
+    values: torch.Tensor, goal: torch.Tensor, batch: Minibatch
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """The sum of squared errors of all critics, and the largest |error| of every transition.
 
@@ -52,7 +52,7 @@ def critic_loss(
 
 
 def deterministic_actor_loss(
-    actor: DeterministicActor, critics: Critics, prepared: torch.Tensor, batch: Batch
+    actor: DeterministicActor, critics: Critics, prepared: torch.Tensor, batch: Minibatch
 ) -> torch.Tensor:
     """Minus the value of the actor's action, by the first critic (Silver et al., 2014)."""
     return -weighted_mean(critics.frozen(prepared, actor(prepared), 1)[0], batch)
@@ -62,7 +62,7 @@ def soft_actor_loss(
     actor: GaussianActor,
     critics: Critics,
     prepared: torch.Tensor,
-    batch: Batch,
+    batch: Minibatch,
     alpha: torch.Tensor,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Minus the lowest value of a drawn action, and minus the weighted entropy.
@@ -76,7 +76,7 @@ def soft_actor_loss(
 
 
 def temperature_loss(
-    log_alpha: torch.Tensor, log_prob: torch.Tensor, target: float, batch: Batch
+    log_alpha: torch.Tensor, log_prob: torch.Tensor, target: float, batch: Minibatch
 ) -> torch.Tensor:
     """Lowers the temperature where the entropy is above its target, and raises it below."""
     return weighted_mean(-log_alpha * (log_prob + target), batch)

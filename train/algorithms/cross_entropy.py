@@ -23,7 +23,7 @@ from train.networks.distributions import masked
 from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.seat import Seat
 from train.settings.algorithms import CrossEntropySettings
-from train.tensors import State
+from train.tensors import StateDict
 
 if TYPE_CHECKING:  # slow to import; only training needs it
     from train.environments.simulator_env import SimulatorEnv
@@ -146,7 +146,7 @@ class CrossEntropy:
         """The policy of the mean weights."""
         return self.env.player.policy(self.network, greedy)
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The distribution, its random state and the frames; the mean also as a network."""
         return {
             "network": self.network.state_dict(),
@@ -156,7 +156,7 @@ class CrossEntropy:
             "frames": self.frames,
         }
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state; the next generation starts new episodes."""
         self.network.load_state_dict(state["network"])
         self.mean, self.std = state["mean"], state["std"]
@@ -168,17 +168,17 @@ class CrossEntropy:
         """Nothing to release."""
 
 
-def check_player(settings: CrossEntropySettings, player: Seat) -> None:
+def check_seat(settings: CrossEntropySettings, seat: Seat) -> None:
     """ValueError for a network that `vmap` does not support."""
-    features = player.features
+    features = seat.features
     check(
         features.network == "" and features.kind != "grid",
         f"network={features.network or 'planning'!r}; cross_entropy supports mlp and convolutions",
     )
 
 
-def network_of(settings: CrossEntropySettings, player: Seat, options: Build) -> ActorCritic:
-    """A new policy network for the player; its value function is not used."""
+def network_of(settings: CrossEntropySettings, seat: Seat, options: Build) -> ActorCritic:
+    """A new policy network for the seat; its value function is not used."""
     hidden = Hidden(settings.width, settings.activation, form="dense")
-    action_std = settings.action_std if player.continuous else None
-    return ActorCritic(player.features, player.num_actions, hidden, action_std=action_std)
+    action_std = settings.action_std if seat.continuous else None
+    return ActorCritic(seat.features, seat.num_actions, hidden, action_std=action_std)

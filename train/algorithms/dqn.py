@@ -12,7 +12,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import NEXT_MASK, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv
 from train.algorithms.off_policy import OffPolicyLearner
-from train.algorithms.replay import Batch, returns_to_expect, weighted_mean
+from train.algorithms.replay import Minibatch, returns_to_expect, weighted_mean
 from train.networks.distributions import masked
 from train.networks.q_network import QNetwork
 from train.networks.seat import Seat
@@ -45,9 +45,9 @@ class DQN(OffPolicyLearner):
         self.target.load_state_dict(network.state_dict())
 
     @staticmethod
-    def network_of(settings: Any, player: Seat, build: Build) -> QNetwork:
-        """A new action value network for the player."""
-        sizes = (player.features, player.num_actions, build.hidden(settings))
+    def network_of(settings: Any, seat: Seat, build: Build) -> QNetwork:
+        """A new action value network for the seat."""
+        sizes = (seat.features, seat.num_actions, build.hidden(settings))
         return QNetwork(*sizes, settings.dueling, build.fused).to(build.device)
 
     @property
@@ -76,7 +76,7 @@ class DQN(OffPolicyLearner):
             drawn = masked(torch.rand_like(values), allowed).argmax(dim=-1)
         return {"action": torch.where(explores, drawn, greedy)}, state
 
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def learn(self, batch: Minibatch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step, and every `target_update_interval` steps a copy to the target."""
         settings = self.settings
         if self.updates % settings.target_update_interval == 0:
@@ -86,7 +86,7 @@ class DQN(OffPolicyLearner):
         self.descend(loss)
         return error, {"loss": loss.detach(), "td_error": error.mean()}
 
-    def loss(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    def loss(self, batch: Minibatch) -> tuple[torch.Tensor, torch.Tensor]:
         """`dqn_loss` of these networks."""
         gamma, double = self.settings.gamma, self.settings.double
         return dqn_loss(self.network, self.target, batch, gamma, double)
@@ -96,14 +96,14 @@ class DQN(OffPolicyLearner):
         return {**super().parts(), "target": self.target}
 
 
-JointValue = Callable[[QNetwork, torch.Tensor, Batch, str], torch.Tensor]
+JointValue = Callable[[QNetwork, torch.Tensor, Minibatch, str], torch.Tensor]
 """(network, values [batch, agents], batch, when) -> [batch], values of joint actions; see `VDN`."""
 
 
 def dqn_loss(
     network: QNetwork,
     target: QNetwork,
-    batch: Batch,
+    batch: Minibatch,
     gamma: float,
     double: bool,
     joint_value: JointValue | None = None,

@@ -22,6 +22,6 @@ class IPPO(PPO):
     """
 
     @staticmethod
-    def network_of(settings: Any, player: Seat, build: Build) -> ActorCritic:
+    def network_of(settings: Any, seat: Seat, build: Build) -> ActorCritic:
         """As of PPO; with separate networks one for each agent, as `SeparateNetworks`."""
-        return network_of_team(PPO.network_of, settings, player, build)
+        return network_of_team(PPO.network_of, settings, seat, build)

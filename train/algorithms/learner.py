@@ -18,7 +18,7 @@ from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
 from train.networks.seat import Seat
 from train.settings.algorithms import NetworkSettings
-from train.tensors import State
+from train.tensors import StateDict
 
 if TYPE_CHECKING:  # slow to import; only training needs them
     from tensordict import TensorDictBase
@@ -29,7 +29,7 @@ class VecEnv(Protocol):
     """A batched TorchRL environment (an `EnvBase`), with the additional attributes of learners.
 
     Attributes:
-        player: the learning agent.
+        seat: the learning agent.
         hook: configures the next episodes.
         num_games: number of parallel games.
         resume: if set, the next full reset continues the current episodes.
@@ -68,10 +68,10 @@ class VecEnv(Protocol):
 class HasState(Protocol):
     """A part of a learner with a state of its own: a network, an optimiser, noise."""
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """Tensors and plain values."""
 
-    def load_state_dict(self, state_dict: State) -> object:
+    def load_state_dict(self, state_dict: StateDict) -> object:
         """Restore the state."""
 
 
@@ -108,14 +108,14 @@ class Learner(Protocol):
             ValueError: not greedy, and the algorithm learns no distribution.
         """
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """Tensors and plain values from which a learner resumes exactly.
 
         All tensors must be finite; otherwise the run stops as diverged.
         The run saves the state of the games and torch's random state.
         """
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore a `state_dict`; raises one of `MISFITS` where it does not match."""
 
     def close(self) -> None:
@@ -156,16 +156,16 @@ class Build:
 
 def network_loader(
     network_of: Callable[[Any, Seat, Build], nn.Module],
-) -> Callable[[Any, Seat, State, bool], Policy]:
+) -> Callable[[Any, Seat, StateDict, bool], Policy]:
     """A function that makes a policy, on the CPU, from the state of a learner.
 
     It raises one of `MISFITS` for the state of other settings.
     """
 
-    def load(settings: Any, player: Seat, state: State, greedy: bool = True) -> Policy:
-        network = network_of(settings, player, Build())
+    def load(settings: Any, seat: Seat, state: StateDict, greedy: bool = True) -> Policy:
+        network = network_of(settings, seat, Build())
         network.load_state_dict(state["network"])
-        return player.policy(network.eval(), greedy)
+        return seat.policy(network.eval(), greedy)
 
     return load
 
@@ -246,7 +246,7 @@ class LearnedNetwork:
         self.env, self.network, self.frames = env, network, 0
 
     def policy(self, greedy: bool = True) -> Policy:
-        """The policy of the player with this network."""
+        """The policy of the seat with this network."""
         if not greedy and self.NO_DISTRIBUTION:
             raise ValueError(f"{self.NO_DISTRIBUTION}; use the greedy policy")
         return self.env.player.policy(self.network, greedy)
@@ -255,12 +255,12 @@ class LearnedNetwork:
         """What has a state of its own, by the names in checkpoints."""
         return {"network": self.network, "optimizer": self.optimizer}
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The states of the parts, such as weights and Adam's moments, and the counters."""
         counters = {name: getattr(self, name) for name in self.COUNTERS}
         return {name: part.state_dict() for name, part in self.parts().items()} | counters
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         for name, part in self.parts().items():
             part.load_state_dict(state[name])

@@ -19,7 +19,7 @@ class MAPPO(IPPO):
     """
 
     @staticmethod
-    def network_of(settings: Any, player: Any, build: Build) -> ActorCritic:
+    def network_of(settings: Any, seat: Any, build: Build) -> ActorCritic:
         """As of IPPO, with a trunk of the central critic's observation for the value."""
-        critic = player.critic_features
-        return network_of_team(actor_critic_of, settings, player, build, critic)
+        critic = seat.critic_features
+        return network_of_team(actor_critic_of, settings, seat, build, critic)

@@ -11,10 +11,10 @@ from pursuit.simulator.policy import Policy
 from train.algorithms.collector import Columns
 from train.algorithms.dqn import DQN
 from train.algorithms.learner import Build, HasState, VecEnv
-from train.algorithms.replay import Batch, Replay
+from train.algorithms.replay import Minibatch, ReplayBuffer
 from train.networks.distributions import Categorical
 from train.settings.off_policy import NFSPSettings
-from train.tensors import State
+from train.tensors import StateDict
 
 
 class NFSP(DQN):
@@ -67,7 +67,7 @@ class NFSP(DQN):
         names = ["observation", "action", *([ACTION_MASK] if self.masks else [])]
         self.reservoir.extend({name: rollout[name][responding].cpu() for name in names})
 
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def learn(self, batch: Minibatch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step of the best response, and one of the average policy."""
         error, figures = super().learn(batch)
         if len(self.reservoir) >= self.settings.batch_size:
@@ -98,24 +98,24 @@ class NFSP(DQN):
             "memory": self.collector,
         }
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The state, with the games of the best response."""
         return super().state_dict() | {"responding": self.responding.cpu()}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         super().load_state_dict(state)
         self.responding = state["responding"].to(self.device)
 
 
-class Reservoir(Replay):
+class Reservoir(ReplayBuffer):
     """A buffer with a uniform sample of all rows so far (Vitter, 1985, algorithm R).
 
     Attributes:
         cursor: the number of rows so far.
     """
 
-    def extend(self, rows: Batch) -> None:
+    def extend(self, rows: Minibatch) -> None:
         """Offer rows [n, ...]: row number t, counted from 0, replaces a random one of the kept rows
         with the probability capacity / (t + 1)."""
         count = len(next(iter(rows.values())))

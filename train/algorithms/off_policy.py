@@ -12,9 +12,9 @@ from curricula import linear
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.learner import NetworkLearner, VecEnv, has_masks, means
 from train.algorithms.prioritized import Priorities
-from train.algorithms.replay import Batch, Replay, n_step_rows
+from train.algorithms.replay import Minibatch, ReplayBuffer, n_step_rows
 from train.settings.off_policy import ReplaySettings
-from train.tensors import State
+from train.tensors import StateDict
 
 
 class OffPolicyLearner(NetworkLearner, ABC):
@@ -48,7 +48,7 @@ class OffPolicyLearner(NetworkLearner, ABC):
         self.beta, exponent = settings.importance_exponent, settings.priority_exponent
         priorities = Priorities(settings.buffer_size, exponent) if settings.prioritized else None
         self.generator = torch.Generator().manual_seed(seed)
-        self.replay = Replay(settings.buffer_size, self.generator, priorities)
+        self.replay = ReplayBuffer(settings.buffer_size, self.generator, priorities)
 
     @property
     def learning(self) -> bool:
@@ -61,7 +61,7 @@ class OffPolicyLearner(NetworkLearner, ABC):
         """Set the exploration of the next rollout; values for the log."""
 
     @abstractmethod
-    def learn(self, batch: Batch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    def learn(self, batch: Minibatch) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
         """A gradient step: |errors| [batch], detached, and values for the log."""
 
     def iterate(self, progress: float) -> dict[str, float]:
@@ -94,11 +94,11 @@ class OffPolicyLearner(NetworkLearner, ABC):
         self.frames += rollout["reward"].numel()
         self.replay.extend(n_step_rows(rollout, self.settings.gamma, self.settings.n_steps))
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The state, with the replay buffer and its priorities."""
         return super().state_dict() | self.replay.state_dict()
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         super().load_state_dict(state)
         self.replay.load_state_dict(state)

@@ -60,9 +60,9 @@ class PPO(NetworkLearner):
         self.engine = self._choose_engine(fused)
 
     @staticmethod
-    def network_of(settings: Any, player: Seat, build: Build) -> ActorCritic:
-        """A new network for the player."""
-        return actor_critic_of(settings, player, build)
+    def network_of(settings: Any, seat: Seat, build: Build) -> ActorCritic:
+        """A new network for the seat."""
+        return actor_critic_of(settings, seat, build)
 
     @classmethod
     def build(cls, settings: Any, env: VecEnv, options: Build) -> Self:

@@ -13,10 +13,10 @@ from pursuit.rules import seed_streams
 from pursuit.validation import check, need
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn
-from train.networks.numbering import Numbering
+from train.networks.numbering import SeatNumbering
 from train.networks.seat import Seat
 from train.settings.algorithms import QLearningSettings
-from train.tensors import State
+from train.tensors import StateDict
 
 if TYPE_CHECKING:  # slow to import; only training needs it
     from train.environments.simulator_env import SimulatorEnv
@@ -26,12 +26,12 @@ EXPLORATION_SEEDS = 2**63
 """Exploration uses seeds from here on; games have lower ones."""
 
 
-def check_player(settings: QLearningSettings, seat: Seat) -> None:
+def check_seat(settings: QLearningSettings, seat: Seat) -> None:
     """ValueError for a task without a table, a limited view, or unbounded values."""
     need(seat.numbering).check(settings.gamma)
 
 
-def initial_values(numbers: Numbering, actions: int, optimism: float) -> NDArray[np.float64]:
+def initial_values(numbers: SeatNumbering, actions: int, optimism: float) -> NDArray[np.float64]:
     """[states, actions] float64: `optimism` for every remaining goal; without goals, once."""
     goal_sets = numbers.goal_sets
     if len(goal_sets) == 1:
@@ -59,9 +59,9 @@ class QLearning:
 
     def __init__(self, settings: QLearningSettings, env: SimulatorEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
-        simulator, player = env.simulator, env.player
-        self.numbers: Numbering = need(player.numbering)
-        self.q_values = initial_values(self.numbers, player.num_actions, settings.optimism)
+        simulator, seat = env.simulator, env.player
+        self.numbers: SeatNumbering = need(seat.numbering)
+        self.q_values = initial_values(self.numbers, seat.num_actions, settings.optimism)
         self.visits = np.zeros(self.q_values.shape, dtype=np.uint32)
         self._streams = np.zeros((simulator.num_games, 1), dtype=np.uint64)
         own: Any = np.uint64(EXPLORATION_SEEDS + options.seed)
@@ -111,7 +111,7 @@ class QLearning:
             raise ValueError("q_learning learns no distribution; use the greedy policy")
         return self.numbers.policy(self.q_values)
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The table, the visits, the random streams and the frames."""
         return {
             "q_values": torch.from_numpy(self.q_values),
@@ -120,7 +120,7 @@ class QLearning:
             "frames": self.frames,
         }
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state; ValueError where the table has another shape."""
         self.q_values[:] = state["q_values"].numpy()
         self.visits[:] = state["visits"].numpy().view(np.uint32)
@@ -131,7 +131,7 @@ class QLearning:
         """Nothing to release."""
 
 
-def load(settings: QLearningSettings, seat: Seat, state: State, greedy: bool = True) -> Any:
+def load(settings: QLearningSettings, seat: Seat, state: StateDict, greedy: bool = True) -> Any:
     """The policy in a `QLearning.state_dict`; ValueError for a table of another shape."""
     numbers = need(seat.numbering)
     shape = (numbers.count, seat.num_actions)

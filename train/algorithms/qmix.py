@@ -9,7 +9,7 @@ from torch import nn
 
 from train.algorithms.collector import NEXT_CRITIC, Columns
 from train.algorithms.learner import Build
-from train.algorithms.replay import Batch
+from train.algorithms.replay import Minibatch
 from train.algorithms.vdn import VDN
 from train.networks.features import Features
 from train.networks.layers import Hidden, Trunk
@@ -27,16 +27,18 @@ class QMIX(VDN):
     """
 
     @staticmethod
-    def network_of(settings: Any, player: Any, build: Build) -> QNetwork:
+    def network_of(settings: Any, seat: Any, build: Build) -> QNetwork:
         """As of VDN, with a mixing network, `mixer`, for several agents."""
-        network = VDN.network_of(settings, player, build)
-        if player.members > 1:
-            mixer = Mixer(player.critic_features, player.members, settings.mixing_width)
+        network = VDN.network_of(settings, seat, build)
+        if seat.members > 1:
+            mixer = Mixer(seat.critic_features, seat.members, settings.mixing_width)
             network.mixer = mixer.to(build.device)
         return network
 
     @staticmethod
-    def joint_value(network: Any, values: torch.Tensor, batch: Batch, when: str) -> torch.Tensor:
+    def joint_value(
+        network: Any, values: torch.Tensor, batch: Minibatch, when: str
+    ) -> torch.Tensor:
         """As of VDN, mixed by the state; agents that have left count 0."""
         return network.mixer(values * ~batch[f"{when}idle"], batch[f"{when}{CRITIC}"])
 

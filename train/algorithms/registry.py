@@ -35,7 +35,7 @@ from train.algorithms.learner import Build, Learner, network_loader
 from train.networks.seat import Seat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, TeamSettings
 from train.settings.hyperparameters import Hyperparameters
-from train.tensors import State
+from train.tensors import StateDict
 
 __all__ = ["ALGORITHMS", "Algorithm", "Build", "entry", "register"]
 
@@ -49,7 +49,7 @@ class Algorithm:
         settings: the class of its hyperparameters.
         build: (settings, env, Build) -> the learner for an environment: a `VecEnv`, or with
             `own_loop` a `LearnerVectorEnv`.
-        load: (settings, player, state, greedy) -> the policy in a learner's `state_dict`, on the
+        load: (settings, seat, state, greedy) -> the policy in a learner's `state_dict`, on the
             CPU; KeyError or RuntimeError for a state of other settings.
         learns_distribution: whether it has a stochastic policy.
         has_advantages: whether it reports advantages to the hook of its environment.
@@ -61,13 +61,13 @@ class Algorithm:
         package, extra: the package that it needs, and the extra of `pip install 'pursuit[...]'`
             that installs it; "" for none.
         actions: the kinds of actions that it supports: "discrete", "continuous".
-        check_player: (settings, player) raises ValueError for an unsupported player.
+        check_player: (settings, seat) raises ValueError for an unsupported seat.
     """
 
     name: str
     settings: type[Hyperparameters]
     build: Callable[[Any, Any, Build], Learner]
-    load: Callable[[Any, Any, State, bool], Policy]
+    load: Callable[[Any, Any, StateDict, bool], Policy]
     learns_distribution: bool = True
     has_advantages: bool = False
     self_play: bool = False
@@ -98,12 +98,12 @@ class Algorithm:
                 f"install 'pursuit[{self.extra}]'"
             ) from None
 
-    def check(self, settings: Hyperparameters, player: Seat, device: str, greedy: bool) -> None:
+    def check(self, settings: Hyperparameters, seat: Seat, device: str, greedy: bool) -> None:
         """ValueError for unsupported settings or players.
 
         Args:
             settings: its hyperparameters.
-            player: the learning agent.
+            seat: the learning agent.
             device: of the network.
             greedy: whether the greedy policy is evaluated.
         """
@@ -113,31 +113,31 @@ class Algorithm:
             f"algorithm={self.name!r} is for self-play; use `pursuit self-play --algorithm "
             f"{self.name}`, or another algorithm",
         )
-        self.check_team(player)
-        self.check_actions(player)
+        self.check_team(seat)
+        self.check_actions(seat)
         check(
             greedy or self.learns_distribution,
             f"evaluate='sampled', but {self.name} learns no distribution; use evaluate='greedy'",
         )
         if self.tabular:
-            plain = (device, player.encoding, player.frame_stack, player.features.network)
+            plain = (device, seat.encoding, seat.frame_stack, seat.features.network)
             check(
                 plain == ("cpu", "index", 1, ""),
                 f"{self.name} has a table over states instead of a network, on the cpu: leave out "
                 "device, observation, frame_stack and network",
             )
         check(
-            not (self.own_loop and player.has_masks),
+            not (self.own_loop and seat.has_masks),
             f"algorithm={self.name!r} does not support the action masks of this task (mask_bumps, "
             "turns, illegal actions); use ppo",
         )
-        self.check_memory(settings, player)
-        self.check_player(settings, player)
+        self.check_memory(settings, seat)
+        self.check_player(settings, seat)
 
-    def check_actions(self, player: Seat) -> None:
+    def check_actions(self, seat: Seat) -> None:
         """ValueError for actions of an unsupported kind."""
-        kind = "continuous" if player.continuous else "discrete"
-        numbered = not player.NO_NUMBERS
+        kind = "continuous" if seat.continuous else "discrete"
+        numbered = not seat.NO_NUMBERS
         able = _names_of(
             lambda other: (
                 kind in other.actions
@@ -145,7 +145,7 @@ class Algorithm:
                 and not other.settings.SELF_PLAY_ONLY
             )
         )
-        turned = player.continuous and "discrete" in self.actions and not self.tabular
+        turned = seat.continuous and "discrete" in self.actions and not self.tabular
         check(
             kind in self.actions,
             f"algorithm={self.name!r} does not support {kind} actions; use {' or '.join(able)}"
@@ -157,15 +157,15 @@ class Algorithm:
             f"not have; use {' or '.join(able)}",
         )
 
-    def check_team(self, player: Seat) -> None:
-        """ValueError where it trains all agents of a role, and the player has no role."""
+    def check_team(self, seat: Seat) -> None:
+        """ValueError where it trains all agents of a role, and the seat has no role."""
         check(
-            not (player.NO_TEAM and self.whole_role),
+            not (seat.NO_TEAM and self.whole_role),
             f"algorithm={self.name!r} trains teams, which this game does not have; use "
             f"{TUNED_AS.get(self.name, 'ppo')}",
         )
 
-    def check_memory(self, settings: Hyperparameters, player: Seat) -> None:
+    def check_memory(self, settings: Hyperparameters, seat: Seat) -> None:
         """ValueError where a recurrent network is configured but not supported."""
         check(
             settings.recurrent is None or self.recurrent,
@@ -173,9 +173,8 @@ class Algorithm:
             f"{' or '.join(_names_of(lambda other: other.recurrent))}",
         )
         check(
-            settings.recurrent is None or not player.NO_MEMORY,
-            f"recurrent={settings.recurrent!r} is not supported for {player.NO_MEMORY}; leave it "
-            "out",
+            settings.recurrent is None or not seat.NO_MEMORY,
+            f"recurrent={settings.recurrent!r} is not supported for {seat.NO_MEMORY}; leave it out",
         )
 
     def check_self_play(self, role: str, agents: int) -> None:
@@ -255,14 +254,14 @@ _ours(
     load=q_learning.load,
     **_GREEDY,
     tabular=True,
-    check_player=q_learning.check_player,
+    check_player=q_learning.check_seat,
 )
 _ours(
     "cross_entropy",
     cross_entropy.CrossEntropy,
     cross_entropy.network_of,
     **_BOTH,
-    check_player=cross_entropy.check_player,
+    check_player=cross_entropy.check_seat,
 )
 _ours("ddpg", continuous.DDPG, continuous.DDPG.network_of, **_GREEDY, **_CONTINUOUS)
 _ours("td3", continuous.TD3, continuous.TD3.network_of, **_GREEDY, **_CONTINUOUS)

@@ -9,30 +9,30 @@ import torch
 from train.algorithms.collector import NEXT_CRITIC, NEXT_MASK, Columns
 from train.algorithms.prioritized import Priorities
 from train.networks.policy import CRITIC
-from train.tensors import State
+from train.tensors import StateDict
 
 ALIGNED = 8
 """Alignment of rows, in bytes."""
 NEXT_IDLE = "next_idle"
 OF_STEP = ("observation", "action", "idle", CRITIC)
 
-Batch = Mapping[str, torch.Tensor]
+Minibatch = Mapping[str, torch.Tensor]
 """Drawn rows, [batch, ...] by column name."""
 
 
-def weighted_mean(values: torch.Tensor, batch: Batch) -> torch.Tensor:
+def weighted_mean(values: torch.Tensor, batch: Minibatch) -> torch.Tensor:
     """The mean of [batch] values; with prioritised replay weighted, as in TorchRL."""
     weight = batch.get("priority_weight", None)
     return values.mean() if weight is None else (weight * values).sum() / weight.sum()
 
 
 @torch.no_grad()
-def returns_to_expect(batch: Batch, values: torch.Tensor, gamma: float) -> torch.Tensor:
+def returns_to_expect(batch: Minibatch, values: torch.Tensor, gamma: float) -> torch.Tensor:
     """[batch]: rewards plus the discounted values [batch] of non-terminal next observations."""
     return batch["reward"] + gamma ** batch["steps"] * ~batch["terminated"] * values
 
 
-class Replay:
+class ReplayBuffer:
     """A ring buffer of rows.
 
     The columns of a row are contiguous, so that drawing a row reads one block of memory.
@@ -62,7 +62,7 @@ class Replay:
         """Every row, [rows, ...]; views of the memory."""
         return self._split(self._memory[: self._filled])
 
-    def extend(self, rows: Batch) -> None:
+    def extend(self, rows: Minibatch) -> None:
         """Write rows [n, ...]; of more than `capacity` the last ones."""
         count = len(next(iter(rows.values())))
         if not self._places:
@@ -106,9 +106,9 @@ class Replay:
         assert self.priorities is not None
         self.priorities.update(index, errors.cpu())
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """Every row, the cursor, the generator and the priorities; on the CPU."""
-        state: State = {
+        state: StateDict = {
             # Copies, as torch cannot save views of one memory with several types.
             "replay": {name: rows.clone() for name, rows in self.columns().items()},
             "cursor": self.cursor,
@@ -123,7 +123,7 @@ class Replay:
             }
         return state
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state of an empty buffer; the caller checks that it matches."""
         self.generator.set_state(state["generator"])
         if not len(state["replay"].get("action", ())):
@@ -136,7 +136,7 @@ class Replay:
             if saved["largest"] is not None:
                 self.priorities.largest = torch.tensor(saved["largest"])
 
-    def _lay_out(self, rows: Batch) -> None:
+    def _lay_out(self, rows: Minibatch) -> None:
         """Choose the position of every column in a row: widest types first, for alignment."""
         end = 0
         for name, column in sorted(rows.items(), key=lambda item: -item[1].element_size()):

@@ -34,11 +34,11 @@ def select(frames: Frames, chosen: torch.Tensor) -> Frames:
 
 
 def actor_critic_of(
-    settings: ActorCriticSettings, player: Seat, build: Build, critic: Features | None = None
+    settings: ActorCriticSettings, seat: Seat, build: Build, critic: Features | None = None
 ) -> ActorCritic:
-    """A new actor-critic network for the player; `critic` are the features of a central critic."""
-    sizes = (player.features, player.num_actions, build.hidden(settings))
-    action_std = settings.action_std if player.continuous else None
+    """A new actor-critic network for the seat; `critic` are the features of a central critic."""
+    sizes = (seat.features, seat.num_actions, build.hidden(settings))
+    action_std = settings.action_std if seat.continuous else None
     return ActorCritic(*sizes, settings.shared, action_std, critic).to(build.device)
 
 

@@ -13,7 +13,7 @@ from train.environments.vector_env import LearnerVectorEnv
 from train.networks.flat import FlatInputs, FlatNetwork
 from train.networks.seat import Seat
 from train.settings.algorithms import LibraryPPOSettings
-from train.tensors import State
+from train.tensors import StateDict
 
 LOGGED = {
     "train/policy_gradient_loss": ("loss_objective", 1.0),
@@ -46,13 +46,13 @@ class StableBaselinesNetwork(torch.nn.Module):
 class NumpyStream:
     """The state of NumPy's global generator, from which the library draws its minibatches."""
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """As plain values."""
         _, key, place, has_gauss, gauss = np.random.get_state()  # noqa: NPY002
         numbers = torch.from_numpy(np.asarray(key).astype(np.int64))
         return {"key": numbers, "place": place, "has_gauss": has_gauss, "gauss": gauss}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore it."""
         key = state["key"].numpy().astype(np.uint32)
         own = (state["place"], state["has_gauss"], state["gauss"])
@@ -65,12 +65,12 @@ def sizes_of(settings: LibraryPPOSettings) -> dict[str, Any]:
     return {"net_arch": [settings.width] * 2, "activation_fn": between}
 
 
-def network_of(settings: LibraryPPOSettings, player: Seat, build: Build) -> FlatNetwork:
-    """A new network for the player."""
+def network_of(settings: LibraryPPOSettings, seat: Seat, build: Build) -> FlatNetwork:
+    """A new network for the seat."""
     from stable_baselines3.common.policies import ActorCriticPolicy
 
-    inputs = FlatInputs(player.features)
-    spaces = Box(-np.inf, np.inf, (inputs.size,), np.float32), Discrete(player.num_actions)
+    inputs = FlatInputs(seat.features)
+    spaces = Box(-np.inf, np.inf, (inputs.size,), np.float32), Discrete(seat.num_actions)
     policy = ActorCriticPolicy(*spaces, lambda _: settings.learning_rate, **sizes_of(settings))
     return FlatNetwork(inputs, StableBaselinesNetwork(policy))
 
@@ -129,7 +129,7 @@ class StableBaselinesPPO(LearnedNetwork):
         """As of `LearnedNetwork`, with NumPy's generator."""
         return {**super().parts(), "numpy": NumpyStream()}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
         super().load_state_dict(state)
         self.model.num_timesteps = self.frames

@@ -45,16 +45,16 @@ class TableCollector(Collector):
         """The next rollout, columns [games, steps, ...]; see `Collector.rollout`."""
         if self._now is None:
             self._now = self.env.reset()
-        env, player = self.env, self.env.player
+        env, seat = self.env, self.env.player
         opponents = env.hook.opponent_tables()
         if opponents is None:
             return super().rollout()
-        legal = torch.from_numpy(player.legal) if player.has_masks else None
-        observed = torch.from_numpy(player.observed)
+        legal = torch.from_numpy(seat.legal) if seat.has_masks else None
+        observed = torch.from_numpy(seat.observed)
         distribution, values = self.evaluate(observed, legal)
         sums = distribution.parameters.double().exp().cumsum(dim=1).numpy()
         draws = torch.rand(2, self.steps, env.num_games, dtype=torch.float64).numpy()
-        seats = player.number, 1 - player.number
+        seats = seat.number, 1 - seat.number
         played = env.simulator.play(seats, draws, sums, opponents)
         over = played.terminated | played.truncated
         self._note(played, over)

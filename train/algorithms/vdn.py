@@ -9,7 +9,7 @@ import torch
 from train.algorithms.collector import Columns
 from train.algorithms.dqn import DQN, dqn_loss
 from train.algorithms.learner import Build
-from train.algorithms.replay import NEXT_IDLE, Batch
+from train.algorithms.replay import NEXT_IDLE, Minibatch
 from train.networks.q_network import QNetwork
 from train.networks.seat import Seat
 from train.networks.separate import network_of_team
@@ -25,11 +25,11 @@ class VDN(DQN):
     """
 
     @staticmethod
-    def network_of(settings: Any, player: Seat, build: Build) -> QNetwork:
+    def network_of(settings: Any, seat: Seat, build: Build) -> QNetwork:
         """As of DQN; with separate networks one for each agent, as `SeparateNetworks`."""
-        return network_of_team(DQN.network_of, settings, player, build)
+        return network_of_team(DQN.network_of, settings, seat, build)
 
-    def loss(self, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    def loss(self, batch: Minibatch) -> tuple[torch.Tensor, torch.Tensor]:
         """`dqn_loss` of the values of joint actions."""
         if self.env.player.members == 1:
             return super().loss(batch)
@@ -37,7 +37,9 @@ class VDN(DQN):
         return dqn_loss(self.network, self.target, batch, gamma, double, self.joint_value)
 
     @staticmethod
-    def joint_value(network: Any, values: torch.Tensor, batch: Batch, when: str) -> torch.Tensor:
+    def joint_value(
+        network: Any, values: torch.Tensor, batch: Minibatch, when: str
+    ) -> torch.Tensor:
         """[batch] the value of a joint action, from the values [batch, agents] of its parts.
 
         Args:

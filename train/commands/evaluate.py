@@ -23,7 +23,7 @@ from train.commands.scores import print_objective_gap, print_reference, print_sc
 from train.commands.suites import compared, evaluate_in_mazes
 from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
-from train.evaluation.scores import UNKNOWN, AnyContest, Score
+from train.evaluation.scores import UNKNOWN_GAP, AnyContest, Score
 from train.evaluation.sides import Profile, ResultLimits
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
@@ -173,7 +173,7 @@ def evaluate_and_print(
     """Evaluate, print the scores and write the replays; the results."""
     from train.runs.parts import contest_of  # torch is slow to import
     from train.runs.single import evaluation_of
-    from train.runs.worlds import world_of
+    from train.runs.worlds import task_world_of
 
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
@@ -190,7 +190,7 @@ def evaluate_and_print(
         scores = [each.score(given.episodes) for each in played]
         more["suite"] = {each.name: summary_of(suite, each) for each in played}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
-            world: Any = world_of(training)  # also of a single maze
+            world: Any = task_world_of(training)  # also of a single maze
             own = replace(suite, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in played if each.name == evaluated)
             more["generalisation"] = compared(suite, shown, own, policies[evaluated])
@@ -203,7 +203,7 @@ def evaluate_and_print(
         solved: Any = contest
         own = replace(solved)  # its copy has no solutions yet
         found = scores or [*own.baselines(), *(own.score(*each) for each in policies.items())]
-        gap = UNKNOWN if loaded.gamma is None else own.objective_gap(loaded.gamma)
+        gap = UNKNOWN_GAP if loaded.gamma is None else own.objective_gap(loaded.gamma)
         return own, found, evaluation_of(found, chosen, own, gap, policies[evaluated])
 
     with closing(ProgressLine()) as tell:

@@ -76,7 +76,7 @@ def league(arguments: Sequence[str]) -> None:
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
-    from train.self_play.league import enter, play_league, policies_of, rate
+    from train.self_play.league import enter, entries_name, play_league, rate
     from train.self_play.payoffs import (
         draw_league,
         payoff_tables,
@@ -114,7 +114,7 @@ def league(arguments: Sequence[str]) -> None:
     draw_league(out / "league.png", table, f"League {place.replace('maze ', '')}")
     tables = payoff_tables(table, content)
     if table.first is None:
-        tables |= {policies_of(role): ratings_table(role, content) for role in table.roles}
+        tables |= {entries_name(role): ratings_table(role, content) for role in table.roles}
     if any(row["best_response"] is not None for row in teams):
         tables["teams"] = teams_table(teams, table.measure)
     for stem, each in tables.items():

@@ -30,7 +30,7 @@ ALGORITHM = (
     "Algorithm of all sides, one that supports self-play: ppo, a2c, dqn, mmd, rnad, nfsp, or "
     "package.module:Name."
 )
-Hidden: Any = Annotated[Any, tyro.conf.Suppress]
+Suppressed: Any = Annotated[Any, tyro.conf.Suppress]
 SIDE = (
     "learn, or the fixed policy of {}: {}, the folder of a run, or package.module:Name of a "
     "user-defined policy."
@@ -41,7 +41,7 @@ def with_defaults(task: AnyTask) -> AnyTask:
     """The settings of a task whose default values are these, without those that sides replace."""
     form, make = type(task), cast("Any", make_dataclass)
     own = [
-        (name, Hidden, field(default=getattr(task, name)))
+        (name, Suppressed, field(default=getattr(task, name)))
         for name in (form.AGENT, "opponent")
         if name in names_of(form)
     ]
@@ -61,7 +61,7 @@ def options_of(task: AnyTask, roles: Sequence[str], budget: Plain) -> Any:
         for default in ["ppo" if name == "algorithm" else LEARN]
     ]
     if "players" in {each.name for each in fields(whole)}:
-        own.append(("players", Hidden, field(default=None)))
+        own.append(("players", Suppressed, field(default=None)))
     free = {
         "__post_init__": lambda self: None,
         "__doc__": "The settings of a run of self-play.",

@@ -73,7 +73,7 @@ class AblateCommand(SweepCommand):
 class CompareCommand(SweepCommand):
     """Compare PPO of several libraries on the same tasks, with the same budget for tuning.
 
-    Settings are searched on held-out mazes. Then every contestant learns the tasks with several
+    Settings are searched on held-out mazes. Then every library learns the tasks with several
     seeds, and the time to 5, 2 and 1 % of the exact optimum is measured. Completed runs are not
     repeated, so Ctrl-C loses at most one run.
     """

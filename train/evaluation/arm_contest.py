@@ -30,8 +30,8 @@ from train.evaluation.games import half_width
 from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (
     BY_STEPS,
-    Actions,
     Contest,
+    FunctionActions,
     Measure,
     Reference,
     Score,
@@ -223,20 +223,20 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         builder: Builder,
         policy: ArmPolicy,
         games: Mapping[str, int],
-        player: str,
+        policy_name: str,
         encoding: str | None = None,
     ) -> Replay:
         """As `Contest`, without observations."""
-        return add_recorded(builder, self, policy, games, player)
+        return add_recorded(builder, self, policy, games, policy_name)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`."""
         return self.bounds().lower.astype(np.float64) if self.knows_least_steps else None
 
     @property
-    def actions(self) -> Actions:
+    def actions(self) -> FunctionActions:
         """As `Contest`: the turns of the joints; discrete ones from 0 for -1 to 2 for 1."""
         shape = (self.task.joints,)
         if self.task.discrete_actions:
-            return Actions(3, shape, lambda actions: actions - 1.0)
-        return Actions(None, shape, lambda actions: actions.astype(np.float64))
+            return FunctionActions(3, shape, lambda actions: actions - 1.0)
+        return FunctionActions(None, shape, lambda actions: actions.astype(np.float64))

@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.replays.viewer.data import Side
+from pursuit.replays.viewer.data import Overlay
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Rewards, Task
@@ -51,13 +51,13 @@ from scripted_agents.exact.references import (
     reference_of,
 )
 from scripted_agents.exact.tours.tour import expected_tour_length, num_states
-from train.evaluation.departures import OUTCOMES, rates_of
+from train.evaluation.departures import OUTCOME_REWARDS, rates_of
 from train.evaluation.games import Lengths, best_reply, half_width, table_in
 from train.evaluation.hidden_contest import Certificate, bounds_in, discounted
 from train.evaluation.matchups import Matchup, exact_match
-from train.evaluation.maze_contest import SCRIPTED, MazeContest
+from train.evaluation.maze_contest import SCRIPTED_TITLES, MazeContest
 from train.evaluation.objective_gap import duel_gap, joint_gap, tour_gap
-from train.evaluation.recordings import MOST_BOTH_CELLS, MOST_OVERLAY_CELLS, duel_sides
+from train.evaluation.recordings import MOST_BOTH_CELLS, MOST_OVERLAY_CELLS, duel_overlays
 from train.evaluation.scores import (
     BY_GOALS,
     BY_RETURN,
@@ -65,7 +65,7 @@ from train.evaluation.scores import (
     DISCOUNTED,
     FULL_VIEW,
     OUTCOME,
-    UNKNOWN,
+    UNKNOWN_GAP,
     Measure,
     ObjectiveGap,
     Reference,
@@ -284,8 +284,11 @@ class GameContest(MazeContest):
         """The task with rewards whose sum over the evaluated agents is captures minus escapes (of
         evaders its negative)."""
         shared = 1.0 / len(self.seats)
-        own = replace(OUTCOMES["chaser"], capture=shared, escape=-shared)
-        rewards = {**OUTCOMES, "chaser": own if self.role == "chaser" else OUTCOMES["chaser"]}
+        own = replace(OUTCOME_REWARDS["chaser"], capture=shared, escape=-shared)
+        rewards = {
+            **OUTCOME_REWARDS,
+            "chaser": own if self.role == "chaser" else OUTCOME_REWARDS["chaser"],
+        }
         return replace(self.task, rewards=rewards)
 
     def _best_reply(self, mask_bumps: bool = False) -> BestResponse:
@@ -392,33 +395,33 @@ class GameContest(MazeContest):
         discount, and discount 0.
         """
         if self.is_limited or discount == 0.0 or len(self.seats) > 1:
-            return UNKNOWN
+            return UNKNOWN_GAP
         task, rewards = self.task, self.task.role_rewards[self.role]
         by_time = rewards.distance == 0.0 and task.reward_function is None
         if len(task.mazes) > 1 or task.start != "random" or not by_time:
-            return UNKNOWN
+            return UNKNOWN_GAP
         if is_single_runner(task):
             return ObjectiveGap(tour_gap(task, rewards, discount))
         if self.is_table_duel and not self.mask_bumps and task.max_cells <= MAX_OBJECTIVE_CELLS:
             best: Any = self.best_in()
             given = (task, self.role, self.opponent_table(), best, discount)
-            return UNKNOWN if best is None else ObjectiveGap(duel_gap(*given))
+            return UNKNOWN_GAP if best is None else ObjectiveGap(duel_gap(*given))
         masked_or_large = self.mask_bumps or work_of(task) > MAX_OBJECTIVE_WORK
         if self.is_table_duel or masked_or_large or discount >= 1.0:
-            return UNKNOWN
+            return UNKNOWN_GAP
         name = task.agent_names[self.seat]
         try:
             return joint_gap(task, name, self.opponents, self.measure, self.best_in, discount)
         except OutOfTime:  # the optimum is known already
             if why_no_time(work_of(task)) is None:
                 raise
-            return UNKNOWN
+            return UNKNOWN_GAP
 
     def baselines(self) -> list[Score]:
         """Random, scripted (A* or nearest goal) and the known optima."""
         scores = [
             self.score("random", RandomAgent()),
-            self.score(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
+            self.score(SCRIPTED_TITLES[self.role], DEFAULTS[self.role](0.0)),
         ]
         scores += [self.score(name, policy) for name, policy in self.limited.items()]
         solution = self.solution()
@@ -440,13 +443,13 @@ class GameContest(MazeContest):
             return Reference("certified", name, DISCOUNTED, proven.far, proven.gap(steps))
         return super().reference(scores, learned)
 
-    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
+    def overlays(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Overlay]:
         """As `MazeContest`."""
         task = self.task
         if not self.is_table_duel or task.max_cells > MOST_OVERLAY_CELLS:
             return []
         learned = table_in(task, policy) if is_table_duel(task, policy) else None
-        return duel_sides(task, self.seat, self.opponent_table(), learned, most_both)
+        return duel_overlays(task, self.seat, self.opponent_table(), learned, most_both)
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """As `Contest`; known for duels, single runners, and whole games measured in steps."""

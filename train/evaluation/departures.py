@@ -11,7 +11,7 @@ from pursuit.tasks.task import Rewards
 
 RATES = ("capture_rate", "escape_rate", "timeout_rate")
 
-OUTCOMES = {
+OUTCOME_REWARDS = {
     "chaser": Rewards(capture=1.0, escape=-1.0, per_evader=True),
     "evader": Rewards(capture=-1.0, escape=1.0),
 }

@@ -17,9 +17,9 @@ from scripted_agents.exact.duel.best_response import MoveOrder
 from scripted_agents.exact.references import is_table_duel
 from train.evaluation.games import order_of, table_in
 from train.evaluation.ratings import pairwise_wins
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
-Table = NDArray[np.float64]
+PolicyTable = NDArray[np.float64]
 
 MOST_SNAPSHOTS = 8
 """Snapshots per role, spread from the first to the last: each pair of them is solved exactly."""
@@ -36,7 +36,7 @@ in [0, 1]; None for fewer than three snapshots.
 
 
 def diversity(
-    maze: Maze, chasers: Table, evaders: Table, discount: float, move_order: MoveOrder
+    maze: Maze, chasers: PolicyTable, evaders: PolicyTable, discount: float, move_order: MoveOrder
 ) -> dict[str, Measures]:
     """The diversity of both populations by role, from all pairs of a chaser and an evader, exactly.
 
@@ -76,8 +76,8 @@ def diversity(
 
 
 def visited_states(
-    maze: Maze, chaser: Table, evader: Table, discount: float, move_order: MoveOrder
-) -> Table:
+    maze: Maze, chaser: PolicyTable, evader: PolicyTable, discount: float, move_order: MoveOrder
+) -> PolicyTable:
     """[chaser cell, evader cell] float64 of sum 1: the discounted distribution of visited states.
 
     Proportional to the expected sum of discount**t over the steps t = 0, 1, ... in which a game
@@ -110,7 +110,7 @@ def visited_states(
     return np.asarray(visits / visits.sum()).reshape(cells, cells)
 
 
-def mean_distance(maze: Maze, tables: Table, visits: Table) -> float:
+def mean_distance(maze: Maze, tables: PolicyTable, visits: PolicyTable) -> float:
     """The mean total variation distance between two different policies of one role.
 
     The distance of two policies in a state is half the sum of the absolute differences of the
@@ -180,7 +180,9 @@ def diversity_of(
     policies = [member.policy for members in chosen.values() for member in members]
     if len(kept) < 2 or min(map(len, chosen.values())) < 2 or not is_table_duel(task, *policies):
         return {}
-    tables = [np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in ROLES]
+    tables = [
+        np.stack([table_in(task, one.policy) for one in chosen[role]]) for role in OPPOSING_ROLES
+    ]
     return diversity(task.mazes[0], tables[0], tables[1], discount, order_of(task))
 
 

@@ -13,14 +13,16 @@ from pursuit.simulator.policy import ONE_RESULT
 from pursuit.validation import check, whole
 from train.evaluation.contests import class_of, task_named
 from train.evaluation.games import half_width
-from train.evaluation.scores import Actions, Contest
+from train.evaluation.scores import Contest, FunctionActions
 from train.settings.checks import evaluation_seed
 
 
 class FunctionPolicy:
     """A function of observations [games, ...] as a policy of an agent."""
 
-    def __init__(self, function: Callable[[Any], Any], observation: str, actions: Actions) -> None:
+    def __init__(
+        self, function: Callable[[Any], Any], observation: str, actions: FunctionActions
+    ) -> None:
         self.function, self.observation, self.actions = function, observation, actions
 
     def act(self, view: Any) -> NDArray[Any]:

@@ -79,14 +79,14 @@ def stepper(
     return step
 
 
-def evaders_of(task: Task) -> slice:
+def evader_indices(task: Task) -> slice:
     """The indices of the evaders."""
     return slice(task.num_chasers, task.num_chasers + task.num_evaders)
 
 
 def escapes_now(simulator: Simulator) -> Flags:
     """[games, evaders] bool: the evaders that escaped in the last step."""
-    return np.asarray((simulator.events[:, evaders_of(simulator.task)] & ESCAPED) != 0)
+    return np.asarray((simulator.events[:, evader_indices(simulator.task)] & ESCAPED) != 0)
 
 
 class Escapes:
@@ -114,14 +114,14 @@ class Escapes:
     @property
     def captured(self) -> Flags:
         """[games, evaders] bool: the evaders that have been captured."""
-        gone = self.simulator.active[:, evaders_of(self.simulator.task)] == 0
+        gone = self.simulator.active[:, evader_indices(self.simulator.task)] == 0
         return np.asarray(gone & ~self.seen)
 
 
 def all_caught(simulator: Simulator, escaped: Flags | None = None) -> Flags:
     """[games] bool: no evader is left, and none has escaped (None: in the last step)."""
     task = simulator.task
-    gone = np.asarray((simulator.active[:, evaders_of(task)] == 0).all(axis=1))
+    gone = np.asarray((simulator.active[:, evader_indices(task)] == 0).all(axis=1))
     if not task.most_exits:
         return gone
     escaped = escapes_now(simulator) if escaped is None else escaped

@@ -25,7 +25,7 @@ from scripted_agents.exact.references import MATCHES, Question, is_table_duel, s
 from train.evaluation.games import (
     Escapes,
     all_caught,
-    evaders_of,
+    evader_indices,
     half_width,
     mean_steps,
     play_out,
@@ -184,7 +184,7 @@ def exact_joint_match(task: Task, policies: Mapping[str, Policy]) -> Matchup:
         states, values = quantities_of(task, policies, lengths_of(task), task.max_steps, 1.0)
         length, ended = states.mean_over_starts(values).tolist()
         return Matchup(length, 0.0, ended, 0)
-    agents = ("chaser_0", *task.agent_names[evaders_of(task)])
+    agents = ("chaser_0", *task.agent_names[evader_indices(task)])
     found = evaluate_joint(replace(task, rewards=COUNTS), policies, task.max_steps, agents=agents)
     caught, *escaped = (found.returns[name] / task.num_evaders for name in agents)
     left = sum(escaped)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from pursuit.environments.parallel import scene_of
 from pursuit.environments.single_agent import fill_seats
-from pursuit.rendering.marks import outcome_of
+from pursuit.rendering.marks import outcome_text
 from pursuit.rendering.rendering import Scene
 from pursuit.replays.replay import Replay
-from pursuit.replays.viewer.data import Builder, Side
+from pursuit.replays.viewer.data import Builder, Overlay
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ROLES, Task
@@ -28,20 +28,20 @@ from train.evaluation.games import Escapes, other_role, play_out, stepper, won_b
 from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
-    Actions,
     Contest,
+    FunctionActions,
     Measure,
     Reference,
     Score,
     beside_of,
     label_of,
-    measure_of,
+    measure_of_role,
     strongest_reference,
 )
 from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
 
-SCRIPTED = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
+SCRIPTED_TITLES = {"chaser": "A* chaser", "evader": "A* evader", "runner": "nearest goal"}
 """The names of the scripted agents by role."""
 
 
@@ -90,7 +90,7 @@ class MazeContest(Contest[Policy, Simulator]):
         """As `Contest`: steps in a chase and for a single runner; goals for a runner in a race; the
         return if evaders collect goals, as that game ends with a capture or the last goal; captures
         minus escapes in other tasks with exits."""
-        return measure_of(self.task, self.role)
+        return measure_of_role(self.task, self.role)
 
     def brief(self, steps: int) -> Self:
         """As `Contest`."""
@@ -101,9 +101,9 @@ class MazeContest(Contest[Policy, Simulator]):
         return DEFAULTS[self.role](0.0)
 
     @property
-    def actions(self) -> Actions:
+    def actions(self) -> FunctionActions:
         """As `Contest`."""
-        return Actions(self.task.num_actions)
+        return FunctionActions(self.task.num_actions)
 
     @property
     def opponent(self) -> Policy | None:
@@ -229,16 +229,16 @@ class MazeContest(Contest[Policy, Simulator]):
         comparable = (*self.limited, "random") if self.is_limited else None
         return strongest_reference(scores, learned, self.measure, comparable)
 
-    def players(self, player: str) -> dict[str, str]:
+    def players(self, policy_name: str) -> dict[str, str]:
         """As `Contest`."""
         task, found = self.task, {}
         for seat, (name, role) in enumerate(zip(task.agent_names, task.seat_roles, strict=True)):
             policy = self.opponents.get(name, self.opponents.get(role))
-            found[name] = player if seat in self.seats or policy is None else label_of(policy)
+            found[name] = policy_name if seat in self.seats or policy is None else label_of(policy)
         return found
 
-    def sides(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Side]:
-        """The overlays of episodes: `duel_sides` of a duel against a tabular policy in a small
+    def overlays(self, policy: Policy, most_both: int = MOST_BOTH_CELLS) -> list[Overlay]:
+        """The overlays of episodes: `duel_overlays` of a duel against a tabular policy in a small
         maze."""
         return []
 
@@ -247,13 +247,13 @@ class MazeContest(Contest[Policy, Simulator]):
         builder: Builder,
         policy: Policy,
         games: Mapping[str, int],
-        player: str,
+        policy_name: str,
         encoding: str | None = None,
     ) -> Replay:
         """As `Contest`, with overlays."""
         seen = {} if encoding is None else {"seat": self.agent, "encoding": encoding}
-        sides = self.sides(policy)
-        return add_recorded(builder, self, policy, games, player, sides=sides, **seen)
+        overlays = self.overlays(policy)
+        return add_recorded(builder, self, policy, games, policy_name, overlays=overlays, **seen)
 
     def scene(self, games: Simulator, caption: str, before: Scene | None = None) -> Scene:
         """As `Contest`."""
@@ -261,5 +261,5 @@ class MazeContest(Contest[Policy, Simulator]):
         if not games.ended[0]:
             return scene
         fates = [agent.fate or "free" for agent in scene.agents if agent.role == "evader"]
-        outcome = outcome_of(fates, len(scene.goals), self.task.num_goals)
+        outcome = outcome_text(fates, len(scene.goals), self.task.num_goals)
         return replace(scene, caption=f"{caption}: {outcome}")

@@ -41,7 +41,7 @@ from train.evaluation.games import (
 from train.evaluation.matchups import can_solve, discounted_steps, match, pair_payoffs
 from train.evaluation.payoff_table import legend_of, matches_table
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded
-from train.evaluation.scores import DISCOUNTED, OUTCOME, OUTCOMES, UNTIL_CAPTURE, Measure
+from train.evaluation.scores import BY_OUTCOME, DISCOUNTED, OUTCOME, UNTIL_CAPTURE, Measure
 from train.evaluation.self_play_metrics import (
     exact_best_responses,
     exploited,
@@ -64,11 +64,11 @@ from train.evaluation.sides import (
     Gain,
     PairResult,
     Policies,
+    PolicyTable,
     Profile,
     Reply,
     ResultLimits,
     Sides,
-    Table,
     known,
 )
 from train.evaluation.team_contest import TeamContest
@@ -76,7 +76,7 @@ from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
 from train.reports.curves import Panel
 from train.reports.tables import ResultTable, Row
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 SHORT = 20
 """Default number of steps of training episodes without goals. Where the evader can escape, episodes
@@ -118,7 +118,7 @@ class MazeSides(Sides):
         found, task, order = dict[tuple[str, str], Any](), self.task, order_of(self.task)
         for name in AGENTS:
             epsilon = self.world.settings.opponent_epsilon if name == "astar" else 0.0
-            for role in ROLES:
+            for role in OPPOSING_ROLES:
                 if plays(name, task, role):
                     found[name, role] = scripted_policy(name, role, epsilon, order, self.discount)
         for name in members:
@@ -141,7 +141,7 @@ class MazeSides(Sides):
         """As of `Sides`: never, as the games have a discount."""
         return False
 
-    def scores(self, batch: Simulator, role: str, games: NDArray[np.bool_]) -> Table:
+    def scores(self, batch: Simulator, role: str, games: NDArray[np.bool_]) -> PolicyTable:
         """As of `Sides`.
 
         The score of an evader is 1 - discount ** steps, its share of the highest discounted return;
@@ -176,7 +176,7 @@ class MazeSides(Sides):
         up to the size `most` (`match`). With exits both are in captures minus escapes.
         """
         task = self.task
-        chaser, evader = (profile.policies[role] for role in ROLES)
+        chaser, evader = (profile.policies[role] for role in OPPOSING_ROLES)
         row = exploited(task, chaser, evader, self.discount)
         met = match(task, chaser, evader, episodes, most=most)
         row["steps"] = met.steps
@@ -198,7 +198,7 @@ class MazeSides(Sides):
     def played(self, profile: Profile, episodes: int, limits: ResultLimits) -> Plain:
         """As of `Sides`: matches between all policies."""
         players = dict[str, dict[str, Any]]()
-        for role in ROLES:
+        for role in OPPOSING_ROLES:
             own = "learned" if role in profile.learning else "frozen"
             players[role] = {own: profile.policies[role]}
             for name in scripted_references(self.task, role):
@@ -241,13 +241,13 @@ class MazeSides(Sides):
         if not exact and not exact_team and respond is not None:
             steps = {}
             for role in profile.learning:
-                chaser, evader = (respond(role)[side] for side in ROLES)
+                chaser, evader = (respond(role)[side] for side in OPPOSING_ROLES)
                 steps[f"against_{role}"] = match(task, chaser, evader, episodes).shown
             content["approximate_best_response"] = steps
 
     def nash_conv(self, policies: Policies) -> float | Missing:
         """As of `Sides`."""
-        chaser, evader = (policies[role] for role in ROLES)
+        chaser, evader = (policies[role] for role in OPPOSING_ROLES)
         row = exploited(self.task, chaser, evader, self.discount)
         return row.get("nash_conv", Missing("this game, or one of these policies, is not solved"))
 
@@ -281,7 +281,7 @@ class MazeSides(Sides):
         """As of `Sides`: in a small duel."""
         return is_table_duel(self.task, *policies)
 
-    def table(self, policy: Any, least: float) -> Table:
+    def table(self, policy: Any, least: float) -> PolicyTable:
         """As of `Sides`: [own cell, other cell, action]."""
         return without_improbable(table_in(self.task, policy), least)
 
@@ -292,14 +292,14 @@ class MazeSides(Sides):
         game = solve_chase(maze, discount, task.stay_action, None, order_of(task))
         value = mean_over_starts(game.values, maze)
 
-        def gained(values: Table | PairValues) -> float:
+        def gained(values: PolicyTable | PairValues) -> float:
             return sign * (mean_over_starts(values, maze) - value)
 
-        def reply(table: Table) -> tuple[Table, float]:
+        def reply(table: PolicyTable) -> tuple[PolicyTable, float]:
             best = best_reply(task, other, table, None, discount)
             return best.policy, gained(best.values)
 
-        def gain(table: Table, response: Table) -> float:
+        def gain(table: PolicyTable, response: PolicyTable) -> float:
             return gained(values_between(task, role, (table, response), None, discount))
 
         return reply, gain
@@ -320,7 +320,7 @@ class MazeSides(Sides):
     @property
     def league_measure(self) -> Measure:
         """As of `Sides`."""
-        return OUTCOMES if self.task.most_exits else UNTIL_CAPTURE
+        return BY_OUTCOME if self.task.most_exits else UNTIL_CAPTURE
 
     @property
     def horizon(self) -> int | None:
@@ -337,13 +337,17 @@ class MazeSides(Sides):
             starts, and "gap" (`Measure.gap`); or None and the "reason".
         """
         rows: list[Row] = []
-        for role in [role for role in ROLES if self.task.count(role) > 1]:
+        for role in [role for role in OPPOSING_ROLES if self.task.count(role) > 1]:
             for other in [entry for entry in entries if entry.role == other_role(role)]:
                 how: Plain = {"most_work": MAX_EVALUATED_WORK}
                 contest = TeamContest(self.task, role, {other.role: other.policy}, **how)
                 best = contest.best
                 for entry in [entry for entry in entries if entry.role == role]:
-                    at = (entry.name, other.name) if role == ROLES[0] else (other.name, entry.name)
+                    at = (
+                        (entry.name, other.name)
+                        if role == OPPOSING_ROLES[0]
+                        else (other.name, entry.name)
+                    )
                     place = table.chasers.index(at[0]), table.evaders.index(at[1])
                     payoff = float(table.shown[place])
                     gap = None if best is None else contest.measure.gap(payoff, best)
@@ -374,14 +378,14 @@ class MazeSides(Sides):
         exact = not any(row["games"] for row in met)
         exits = any("outcome" in row for row in met)
         how = "exact" if exact else "sampled" if exits else "± is the 95 % interval"
-        unit, most = (OUTCOMES if exits else UNTIL_CAPTURE).unit, self.task.max_steps
+        unit, most = (BY_OUTCOME if exits else UNTIL_CAPTURE).unit, self.task.max_steps
         return [
             EndTable(
                 "Matches at the end",
                 matches_table(met),
                 f"{unit}, at most {most} ({how}); rows: chasers, columns: evaders",
                 self.legend(
-                    [row[role] for row in met for role in ROLES],
+                    [row[role] for row in met for role in OPPOSING_ROLES],
                     self.world.settings.opponent_epsilon,
                 ),
                 f"Mean {self.league_measure.unit}.",
@@ -419,6 +423,6 @@ class MazeSides(Sides):
         replay = recorded(contest, policies["chaser"], games, "")
         agents = zip(self.task.agent_names, self.by_agent, strict=True)
         replay = replace(replay, players={name: labels[role] for name, role in agents})
-        sides = contest.sides(policies["chaser"], MOST_OVERLAY_CELLS)
-        builder.add(replay, Extras(names=list(games), sides=sides))
+        overlays = contest.overlays(policies["chaser"], MOST_OVERLAY_CELLS)
+        builder.add(replay, Extras(names=list(games), overlays=overlays))
         return replay

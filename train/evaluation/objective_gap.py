@@ -20,9 +20,9 @@ from scripted_agents import BestResponse, evaluate_joint, mean_over_starts, solv
 from scripted_agents.exact.duel.action_values import expected_after, outcomes
 from scripted_agents.exact.tolerances import EQUAL_VALUES
 from scripted_agents.exact.tours.objective import tour_objective_gap
-from train.evaluation.departures import OUTCOMES
+from train.evaluation.departures import OUTCOME_REWARDS
 from train.evaluation.games import best_reply, duel_role, order_of
-from train.evaluation.scores import BY_RETURN, BY_STEPS, UNKNOWN, Measure, ObjectiveGap
+from train.evaluation.scores import BY_RETURN, BY_STEPS, UNKNOWN_GAP, Measure, ObjectiveGap
 
 
 def tour_gap(task: Task, rewards: Rewards, discount: float) -> float | None:
@@ -98,11 +98,11 @@ def joint_gap(
     steps, returns = best_in(BY_STEPS), best_in(BY_RETURN)
     best = returns or steps or best_in(measure)
     if best is None:
-        return UNKNOWN
+        return UNKNOWN_GAP
     plan = solve_joint(task, [name], opponents, None, discount, "return").policy
     played = {**opponents, name: plan}
     if measure.name == "outcome":
-        counted = replace(task, rewards=OUTCOMES)
+        counted = replace(task, rewards=OUTCOME_REWARDS)
         own = evaluate_joint(counted, played, task.max_steps, agents=[name]).returns[name]
         return ObjectiveGap(missing_return=best.mean_over_starts - own)
     found = evaluate_joint(task, played, task.max_steps, agents=[name])

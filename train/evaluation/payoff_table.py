@@ -7,7 +7,7 @@ from functools import partial
 
 from train.files import Plain
 from train.reports.tables import Column, ResultTable, Row, words
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 
 def payoff_table(
@@ -16,7 +16,7 @@ def payoff_table(
     steps: Sequence[Sequence[float]],
     ci95: Sequence[Sequence[float]],
     never: Sequence[Sequence[bool]] | None = None,
-    roles: tuple[str, str] = ROLES,
+    roles: tuple[str, str] = OPPOSING_ROLES,
 ) -> ResultTable:
     """A row for each chaser: "against NAME" and "against NAME ci95" for every evader.
 

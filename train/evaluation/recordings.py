@@ -8,7 +8,7 @@ from typing import Any
 
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
-from pursuit.replays.viewer.data import Builder, Extras, Side
+from pursuit.replays.viewer.data import Builder, Extras, Overlay
 from pursuit.rules.arrays import Reals
 from pursuit.tasks.task import Task
 from scripted_agents import action_values
@@ -22,7 +22,7 @@ MOST_BOTH_CELLS = 100
 
 
 def recorded(
-    contest: Contest[Any, Any], policy: Any, games: Mapping[str, int], player: str
+    contest: Contest[Any, Any], policy: Any, games: Mapping[str, int], policy_name: str
 ) -> Replay:
     """Record episodes of a contest as a replay.
 
@@ -30,7 +30,7 @@ def recorded(
         contest: the evaluation.
         policy: the evaluated policy.
         games: the numbers of the episodes by label.
-        player: the name of the policy in the replay.
+        policy_name: the name of the policy in the replay.
     """
     episodes = []
     for label, number in games.items():
@@ -40,7 +40,7 @@ def recorded(
             pass
         (episode,) = recorder.stop().episodes[:1]
         episodes.append(replace(episode, label=label))
-    players = contest.players(player)
+    players = contest.players(policy_name)
     return Replay(contest.task, tuple(episodes), seed=contest.seed, players=players)
 
 
@@ -49,19 +49,19 @@ def add_recorded(
     contest: Contest[Any, Any],
     policy: Any,
     games: Mapping[str, int],
-    player: str,
+    policy_name: str,
     **extras: Any,
 ) -> Replay:
     """Add recorded episodes to a page; the other arguments are those of `recorded`, and of
     `Extras`."""
-    replay = recorded(contest, policy, games, player)
+    replay = recorded(contest, policy, games, policy_name)
     builder.add(replay, Extras(names=list(games), **extras))
     return replay
 
 
-def duel_sides(
+def duel_overlays(
     task: Task, seat: int, theirs: Reals, learned: Reals | None, most_both: int = MOST_BOTH_CELLS
-) -> list[Side]:
+) -> list[Overlay]:
     """The overlays of a duel: exact values, and learned and optimal moves; the learner's first.
 
     Both sides are included in mazes of up to `most_both` cells. Values and optimal moves assume a
@@ -78,8 +78,10 @@ def duel_sides(
     rules = (task.max_steps, task.stay_action, order_of(task))
     found = action_values(duel_role(task.seat_roles[seat]), maze, theirs, *rules)
     called = {name: f"{name} with full view" if task.hides_from(name) else name for name in names}
-    sides = [Side(called[names[seat]], seat, other, found.values, learned, found.optimal)]
+    overlays = [Overlay(called[names[seat]], seat, other, found.values, learned, found.optimal)]
     if learned is not None and maze.num_cells <= most_both:
         found = action_values(duel_role(task.seat_roles[other]), maze, learned, *rules)
-        sides.append(Side(called[names[other]], other, seat, found.values, theirs, found.optimal))
-    return sides
+        overlays.append(
+            Overlay(called[names[other]], other, seat, found.values, theirs, found.optimal)
+        )
+    return overlays

@@ -21,8 +21,8 @@ from train.evaluation.games import half_width, play_out, stepper
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_RETURN,
-    Actions,
     Contest,
+    FunctionActions,
     Measure,
     Reference,
     Score,
@@ -113,10 +113,10 @@ class ReturnContest(Contest[Any, Any]):
             f"{self.task.max_steps} steps"
         )
 
-    def players(self, player: str) -> dict[str, str]:
+    def players(self, policy_name: str) -> dict[str, str]:
         """As `Contest`."""
         others = {name: label_of(own) for name, own in self.opponents.items()}
-        return others | dict.fromkeys(self.names, player)
+        return others | dict.fromkeys(self.names, policy_name)
 
     # -- scores --------------------------------------------------------------------------------
 
@@ -168,9 +168,9 @@ class ReturnContest(Contest[Any, Any]):
         return self._exact(self._sampled(BEST_RETURN, policy), value)
 
     @property
-    def actions(self) -> Actions:
+    def actions(self) -> FunctionActions:
         """As `Contest`: those of the random policy."""
-        return Actions(need(self.random).num_actions)
+        return FunctionActions(need(self.random).num_actions)
 
     def baselines(self) -> list[Score]:
         """The random policy, and the best response where it is known: exact in its return."""
@@ -207,11 +207,11 @@ class ReturnContest(Contest[Any, Any]):
         builder: Builder,
         policy: Any,
         games: Mapping[str, int],
-        player: str,
+        policy_name: str,
         encoding: str | None = None,
     ) -> None:
         """As `Contest`, as text; there are no replays."""
         by_name = {**self.opponents, **dict.fromkeys(self.names, policy)}
-        agents, labels = self.task.agent_names, self.players(player)
+        agents, labels = self.task.agent_names, self.players(policy_name)
         policies = [by_name[name] for name in agents]
         add_text_episodes(builder, self.start, policies, games, [labels[name] for name in agents])

@@ -33,11 +33,11 @@ from train.evaluation.sides import (
     Gain,
     PairResult,
     Policies,
+    PolicyTable,
     Profile,
     Reply,
     ResultLimits,
     Sides,
-    Table,
     known,
 )
 from train.evaluation.small_game_replay import add_small_game
@@ -74,7 +74,7 @@ class ReturnSides(Sides):
         named = zip(self.task.agent_names, self.by_agent, strict=True)
         return {name: policies[role] for name, role in named}
 
-    def of_sides(self, returns: Any) -> Table:
+    def of_sides(self, returns: Any) -> PolicyTable:
         """[..., sides] the returns of sides from those of agents [..., agents]."""
         found = np.asarray(returns, dtype=np.float64)
         each = [np.array([own == role for own in self.by_agent]) for role in self.roles]
@@ -120,7 +120,9 @@ class ReturnSides(Sides):
 
     # -- results ---------------------------------------------------------------------------------
 
-    def sampled(self, policies: Policies, episodes: int, seed: int) -> tuple[Table, Table]:
+    def sampled(
+        self, policies: Policies, episodes: int, seed: int
+    ) -> tuple[PolicyTable, PolicyTable]:
         """[episodes, sides] returns, and [episodes] steps, of sampled episodes."""
         batch = self.world.BATCH(self.task, episodes, seed, auto_restart=False)
         step = stepper(batch, [policies[role] for role in self.by_agent])
@@ -367,7 +369,7 @@ class SmallGameSides(ReturnSides):
         own = returns[:, self.task.seat(role)]
         return np.clip((own - low) / max(high - low, 1e-9), 0.0, 1.0)
 
-    def tables_of(self, policies: Policies) -> dict[str, Table]:
+    def tables_of(self, policies: Policies) -> dict[str, PolicyTable]:
         """The tables of policies by player."""
         return {role: policies[role].table(self.task) for role in self.roles}
 
@@ -414,7 +416,7 @@ class SmallGameSides(ReturnSides):
         """As of `Sides`: in zero-sum games of two of limited size."""
         return self.task.game.zero_sum and len(self.task.game.choices) <= MOST_MIXED
 
-    def table(self, policy: Any, least: float) -> Table:
+    def table(self, policy: Any, least: float) -> PolicyTable:
         """As of `Sides`: [pairs] of a state and an action, as of `SmallGame.table`."""
         likely = without_improbable(policy.state_probabilities(), least)
         return self.task.flat(policy.agent, likely)
@@ -426,11 +428,11 @@ class SmallGameSides(ReturnSides):
         seat, value = game.player(other), solved(self.task, discount).mean_over_starts
         value = value if seat == 0 else -value
 
-        def reply(table: Table) -> tuple[Table, float]:
+        def reply(table: PolicyTable) -> tuple[PolicyTable, float]:
             best = respond(game, other, {role: table}, discount, horizon)
             return best.policies[other], best.mean_over_starts - value
 
-        def gain(table: Table, response: Table) -> float:
+        def gain(table: PolicyTable, response: PolicyTable) -> float:
             found = returns_of(game, {role: table, other: response}, discount, horizon)
             return float(game.start @ found[:, seat]) - value
 

@@ -121,7 +121,7 @@ class Measure:
 BY_STEPS, BY_MOST_STEPS = Measure("mean_steps", "steps"), Measure("mean_steps", "steps", False)
 BY_GOALS, BY_RETURN = Measure("mean_goals", "goals", False), Measure("mean_return", "return", False)
 UNTIL_CAPTURE = Measure("mean_steps", "steps until capture")
-OUTCOMES = Measure("outcome", f"{OUTCOME} (chasers want more)", False)
+BY_OUTCOME = Measure("outcome", f"{OUTCOME} (chasers want more)", False)
 """What chasers and evaders play for, with the direction of chasers."""
 
 
@@ -189,7 +189,7 @@ def optimality_gap(achieved: Score, optimum: Score | None) -> float | None:
     return None if optimum is None else achieved.mean_steps / optimum.mean_steps - 1.0
 
 
-def measure_of(task: Task, role: str) -> Measure:
+def measure_of_role(task: Task, role: str) -> Measure:
     """The measure of an agent of a role in a task; see `MazeContest.measure`."""
     if task.most_exits and task.num_goals == 0:
         return Measure("outcome", OUTCOME, role == "evader")
@@ -293,10 +293,10 @@ class ObjectiveGap(NamedTuple):
     missing_return: float | None = None
 
 
-UNKNOWN = ObjectiveGap()
+UNKNOWN_GAP = ObjectiveGap()
 
 
-class Actions(NamedTuple):
+class FunctionActions(NamedTuple):
     """The actions of an agent as a function of observations returns them.
 
     Attributes:
@@ -350,7 +350,7 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         return ""
 
     @property
-    def actions(self) -> Actions:
+    def actions(self) -> FunctionActions:
         """The actions of the agent; ValueError where functions cannot give them."""
         raise ValueError("functions of observations do not play this game; give a policy")
 
@@ -373,7 +373,7 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     def objective_gap(self, discount: float) -> ObjectiveGap:
         """The loss of the policy with the best discounted return, exact over all starts."""
-        return UNKNOWN
+        return UNKNOWN_GAP
 
     def solved_up_to(self, most_work: int) -> Self:
         """The same contest; whole games are solved up to this size (`work_of`)."""
@@ -504,16 +504,16 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
             scenes.extend([scenes[-1]] * 3)
         return scenes
 
-    def players(self, player: str) -> dict[str, str]:
-        """The names of all policies by agent, if `player` is that of the evaluated one."""
-        return dict.fromkeys(self.task.agent_names, player)
+    def players(self, policy_name: str) -> dict[str, str]:
+        """The names of all policies by agent, if `policy_name` is that of the evaluated one."""
+        return dict.fromkeys(self.task.agent_names, policy_name)
 
     def add_episodes(
         self,
         builder: Builder,
         policy: PolicyT,
         games: Mapping[str, int],
-        player: str,
+        policy_name: str,
         encoding: str | None = None,
     ) -> Replay | None:
         """Add episodes to a page.
@@ -522,7 +522,7 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
             builder: of the page.
             policy: the evaluated policy.
             games: the numbers of the episodes by label.
-            player: the name of the policy.
+            policy_name: the name of the policy.
             encoding: the observation of the agent that is shown, where it can be.
 
         Returns:

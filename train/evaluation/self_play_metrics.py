@@ -16,7 +16,7 @@ from scripted_agents import (
     why_not_optimal,
     work_of,
 )
-from scripted_agents.environments import SCRIPTED, SEARCHERS
+from scripted_agents.environments import SCRIPTED_NAMES, SEARCHERS
 from scripted_agents.exact.limits import (
     MAX_EXACT_WORK,
     MAX_GAME_CELLS,
@@ -25,15 +25,15 @@ from scripted_agents.exact.limits import (
 )
 from scripted_agents.exact.long_work import report
 from scripted_agents.exact.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
-from train.evaluation.departures import OUTCOMES
-from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
+from train.evaluation.departures import OUTCOME_REWARDS
+from train.evaluation.exploitability import duel_nash_conv, exploitability, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in
 from train.evaluation.hidden_contest import best_response_interval
 from train.evaluation.matchups import match
 from train.evaluation.scores import OUTCOME
 from train.evaluation.team_contest import TeamContest, team_results
 from train.files import Plain
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 
 def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> dict[str, float]:
@@ -47,12 +47,12 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
         tables = table_in(task, chaser), table_in(task, evader)
         game = (task.mazes[0], *tables, discount, order_of(task))
         if task.mazes[0].num_cells > MAX_GAME_CELLS:
-            return {"nash_conv": nash_conv(*game)}
+            return {"nash_conv": duel_nash_conv(*game)}
         exploited_by = exploitability(*game)
     elif kind == "none":
         return {}
     elif task.options != PLAIN:
-        return {"nash_conv": nash_conv_with_options(task, pair, discount).nash_conv}
+        return {"nash_conv": option_nash_conv(task, pair, discount).nash_conv}
     else:
         exploited_by = team_exploitability(task, chaser, evader, discount)
     return {
@@ -71,16 +71,16 @@ def has_nash_conv(task: Task, chaser: Policy, evader: Policy) -> bool:
     return solution_of(asked, NASH_CONVS).kind != "none"
 
 
-def nash_conv_with_options(
-    task: Task, pair: Mapping[str, Policy], discount: float
-) -> JointNashConv:
+def option_nash_conv(task: Task, pair: Mapping[str, Policy], discount: float) -> JointNashConv:
     """Exact NashConv of a game with options of the rules, with each side as one player.
 
     In discounted steps (rounds), without time limit. With exits in captures minus escapes within
     `max_steps`, where best responses may depend on time.
     """
     if task.most_exits:
-        return joint_nash_conv(replace(task, rewards=OUTCOMES), pair, task.max_steps, sides=True)
+        return joint_nash_conv(
+            replace(task, rewards=OUTCOME_REWARDS), pair, task.max_steps, sides=True
+        )
     return joint_nash_conv(replace(task, rewards="zero_sum"), pair, None, discount, sides=True)
 
 
@@ -90,14 +90,14 @@ def format_row(row: Mapping[str, float]) -> list[str]:
     if "nash_conv" in row:
         parts.append(f"NashConv {row['nash_conv']:z6.3f}")
     if "chaser_exploitability" in row:
-        each = [f"{role} {row[f'{role}_exploitability']:z.3f}" for role in ROLES]
+        each = [f"{role} {row[f'{role}_exploitability']:z.3f}" for role in OPPOSING_ROLES]
         parts.append(f"(lost to a best response: {', '.join(each)})")
     parts.append(f"{row['steps']:6.1f} steps")
     if "outcome" in row:
         parts.append(f"{OUTCOME} (chasers want more) {row['outcome']:5.2f}")
     parts += [
         f"{role} vs A* {row[f'{role}_vs_astar']:6.{2 if 'outcome' in row else 1}f}"
-        for role in ROLES
+        for role in OPPOSING_ROLES
         if f"{role}_vs_astar" in row
     ]
     return parts
@@ -108,10 +108,10 @@ def scripted_references(task: Task, role: str | None = None) -> tuple[str, ...]:
 
     For a `role` with a limited view also those with the same view.
     """
-    solved = all(why_not_optimal(task, role) is None for role in ROLES) and (
+    solved = all(why_not_optimal(task, role) is None for role in OPPOSING_ROLES) and (
         task.max_cells <= MAX_GAME_CELLS if task.is_duel else work_of(task) <= MAX_EXACT_WORK
     )
-    names = tuple(name for name in SCRIPTED if name != "equilibrium" or solved)
+    names = tuple(name for name in SCRIPTED_NAMES if name != "equilibrium" or solved)
     hidden = role is not None and any(
         task.hides_from(agent)
         for agent, own in zip(task.agent_names, task.seat_roles, strict=True)
@@ -194,7 +194,7 @@ def limited_best_responses(
         if solution_of(asked, INTERVALS).kind != "none":
             how = table_in(task, policy), seconds
             intervals[f"against_{role}"] = best_response_interval(task, other_role(role), *how)
-    if len(intervals) == len(ROLES):  # an evader's best response is against the chaser
+    if len(intervals) == len(OPPOSING_ROLES):  # an evader's best response is against the chaser
         (low, high), (least, most) = intervals["against_chaser"], intervals["against_evader"]
         intervals["nash_conv"] = max(low - most, 0.0), high - least
     return intervals
@@ -205,14 +205,14 @@ def whole_game(
 ) -> Plain:
     """Exact NashConv of a game of teams or with goals, in returns, with each side as one player.
 
-    With exits that of `nash_conv_with_options`. Otherwise without time limit: {"nash_conv": ...,
+    With exits that of `option_nash_conv`. Otherwise without time limit: {"nash_conv": ...,
     "returns": by role, "gains": by role}. Empty if the game is larger than `most` (`work_of`),
     partially observable, or has a user-defined reward function.
     """
     if JOINT.why_not(Question(task, None, pair, most)) is not None:
         return {}
     if task.most_exits and not task.num_goals:
-        game = nash_conv_with_options(task, pair, discount)
+        game = option_nash_conv(task, pair, discount)
     else:
         game = joint_nash_conv(task, pair, None, discount, sides=True)
     return {"nash_conv": game.nash_conv, "returns": game.returns, "gains": game.gains}

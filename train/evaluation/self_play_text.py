@@ -8,18 +8,22 @@ from train.evaluation.team_contest import describe_team
 from train.files import Plain
 from train.reports.curves import Series
 from train.reports.figures import BLACK, BLUE, ORANGE
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 EXPLOITABILITY = {
     "nash_conv": Series((), "NashConv", BLACK, "-", 2.2),
     "chaser_exploitability": Series((), "of the chaser", ORANGE, "--", 1.3),
     "evader_exploitability": Series((), "of the evader", BLUE, "--", 1.3),
 }
-SCRIPTED = {"astar": ("A*", "-"), "random": ("random", ":"), "equilibrium": ("equilibrium", "--")}
+SCRIPTED_LINES = {
+    "astar": ("A*", "-"),
+    "random": ("random", ":"),
+    "equilibrium": ("equilibrium", "--"),
+}
 AGAINST_SCRIPTED = {
     f"{role}_vs_{name}": Series((), f"{role} against {called}", color, style)
     for role, color in (("chaser", ORANGE), ("evader", BLUE))
-    for name, (called, style) in SCRIPTED.items()
+    for name, (called, style) in SCRIPTED_LINES.items()
 }
 
 
@@ -28,7 +32,7 @@ def describe_exploitability(results: Plain) -> list[str]:
     found, start = results["evaluation"], results.get("at_start", {})
     limited = bool(results.get("limited_view"))
     met = results.get("matches", ())
-    fixed = [each for each in ROLES if any(row[each] == "frozen" for row in met)]
+    fixed = [each for each in OPPOSING_ROLES if any(row[each] == "frozen" for row in met)]
     meaning = "exact; 0 is an equilibrium"
     if fixed:
         part = found.get(f"{fixed[0]}_exploitability")

@@ -29,10 +29,10 @@ PAIR_EPISODES = 200
 """Games per payoff without an exact value."""
 Policies = Mapping[str, Any]
 """Policies by side."""
-Table = NDArray[np.float64]
-Reply = Callable[[Table], tuple[Table, float]]
+PolicyTable = NDArray[np.float64]
+Reply = Callable[[PolicyTable], tuple[PolicyTable, float]]
 """The best response to a table, and what it gains over the value of the game."""
-Gain = Callable[[Table, Table], float]
+Gain = Callable[[PolicyTable, PolicyTable], float]
 """What a response to a table gains over the value of the game."""
 
 
@@ -117,7 +117,7 @@ class Sides(ABC):
     A side is a role, or an agent where agents have no roles.
 
     Attributes:
-        world: the task with its policies (`train.families.family.World`).
+        world: the task with its policies (`train.families.family.TaskWorld`).
         task: the game, with its time limit.
         discount: of the exact game, that of the learners.
     """
@@ -256,7 +256,7 @@ class Sides(ABC):
         """Whether these policies are tables for which `replies` are exact."""
         return False
 
-    def table(self, policy: Any, least: float) -> Table:
+    def table(self, policy: Any, least: float) -> PolicyTable:
         """The table of a policy, without actions of a probability below `least`."""
         raise AssertionError("asked only for tables")
 

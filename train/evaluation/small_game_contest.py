@@ -20,8 +20,8 @@ from scripted_agents.games.solve import SmallResponse, nash_conv, respond
 from train.evaluation.return_contest import ReturnContest
 from train.evaluation.scores import (
     BEST_RETURN,
-    UNKNOWN,
-    Actions,
+    UNKNOWN_GAP,
+    FunctionActions,
     ObjectiveGap,
     Score,
     label_of,
@@ -102,7 +102,7 @@ class SmallGameContest(ReturnContest):
     def objective_gap(self, discount: float) -> ObjectiveGap:
         """As `Contest`: the return that the best response for a discount lacks."""
         if discount <= 0.0:
-            return UNKNOWN
+            return UNKNOWN_GAP
         plan = self.best
         if discount != 1.0:
             plan = respond(self.task.game, self.agent, self.tables, discount)
@@ -126,21 +126,21 @@ class SmallGameContest(ReturnContest):
         return hasattr(policy, "table")
 
     @property
-    def actions(self) -> Actions:
+    def actions(self) -> FunctionActions:
         """As `Contest`: the numbers of actions."""
-        return Actions(self.task.num_actions(self.agent))
+        return FunctionActions(self.task.num_actions(self.agent))
 
     def add_episodes(
         self,
         builder: Builder,
         policy: StatePolicy,
         games: Mapping[str, int],
-        player: str,
+        policy_name: str,
         encoding: str | None = None,
     ) -> None:
         """As `Contest`, with exact values and best responses."""
         policies = {**self.opponents, self.agent: policy}
-        add_small_game(builder, self.task, policies, games, 1.0, self.players(player))
+        add_small_game(builder, self.task, policies, games, 1.0, self.players(policy_name))
 
     def scene(self, games: GameSimulator, caption: str, before: object = None) -> Drawable:
         """As `Contest`: the state as text."""

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.suite_files import rows_of, suite_names
+from pursuit.mazes.suite_files import suite_names, suite_rows
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
@@ -20,7 +20,7 @@ from scripted_agents.exact.limits import SOLVED_MAZES
 from scripted_agents.exact.references import Solution, is_known, is_solvable, reference_of
 from train.evaluation.departures import Departures
 from train.evaluation.games import Lengths, best_reply, half_width
-from train.evaluation.maze_contest import SCRIPTED, MazeContest
+from train.evaluation.maze_contest import SCRIPTED_TITLES, MazeContest
 from train.evaluation.scores import Measure, Score
 from train.evaluation.suite_tables import opponent_tables, pairs_of_values, tables_of
 from train.files import Plain
@@ -280,7 +280,7 @@ class SuiteContest(MazeContest):
         others = {} if self.is_computed else self.limited
         found = [
             self.in_mazes("random", RandomAgent()),
-            self.in_mazes(SCRIPTED[self.role], DEFAULTS[self.role](0.0)),
+            self.in_mazes(SCRIPTED_TITLES[self.role], DEFAULTS[self.role](0.0)),
             *(self.in_mazes(name, policy) for name, policy in others.items()),
         ]
         best = self.best_with_full_view
@@ -295,7 +295,7 @@ def suite_called(task: Task) -> str:
     suite, _, first = names[0].partition("/")
     if not all(name.startswith(f"{suite}/") for name in names):
         return f"{names[0]} and {len(names) - 1} more"
-    whole = suite in suite_names() and len(names) == len(rows_of(suite))
+    whole = suite in suite_names() and len(names) == len(suite_rows(suite))
     last = names[-1].partition("/")[2]
     if not whole and int(last) - int(first) + 1 != len(names):
         return f"{len(names)} of suite:{suite}"

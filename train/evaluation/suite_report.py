@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
-from pursuit.mazes.suite_files import rows_of, suite_names
+from pursuit.mazes.suite_files import suite_names, suite_rows
 from train.evaluation.suite_contest import InMazes, SuiteContest
 from train.files import Plain
 from train.reports.tables import ResultTable, numeric, words
@@ -21,7 +21,7 @@ def measures_of(maze: Maze) -> Plain:
     """The properties of a maze: kind (in a suite), size and path lengths."""
     suite, _, number = maze.name.partition("/")
     of_suite = suite in suite_names() and number.isdigit()
-    kind = rows_of(maze.name)[0].kind if of_suite else ""
+    kind = suite_rows(maze.name)[0].kind if of_suite else ""
     known: Plain = {"kind": kind, "cells": maze.num_cells, "loops": maze.num_loops}
     if maze.num_cells <= MAX_TABLE_CELLS:
         known["longest_path"] = maze.longest_distance

@@ -257,7 +257,7 @@ def _decide(claim: Claim, groups: tuple[Group, ...], least_frames: int) -> Decis
     return Decision(groups, comparison_test(values[0], values[1:]))
 
 
-def cells_of(table: Table) -> list[Table]:
+def cells_of_table(table: Table) -> list[Table]:
     """Every combination of the values of a table: {"maze": ["5x5", "7x7"]} are two cells."""
     lists = [value if isinstance(value, list) else [value] for value in table.values()]
     return [dict(zip(table, values, strict=True)) for values in itertools.product(*lists)]
@@ -275,7 +275,7 @@ def groups_of(rows: Sequence[Row], varying: Sequence[str], table: Table) -> list
     fix: {"algorithm": "ppo"} is a cell per maze size. Mazes of one suite are one cell.
     """
     cells: list[Table] = []
-    for cell in cells_of(table):
+    for cell in cells_of_table(table):
         own = in_cell(rows, cell)
         names = [name for name in varying if name not in cell]
         apart = [name for name in names if len({str(row.get(name)) for row in own}) > 1]
@@ -306,7 +306,7 @@ def cell_row(cell: Decision) -> Row:
     """The test and the verdict of a cell."""
     sizes = [str(sum(map(len, group.mazes))) for group in cell.groups]
     return {
-        "cell": named(cell.groups[0].cell) if cell.groups else "",
+        "cell": cell_in_words(cell.groups[0].cell) if cell.groups else "",
         "supports": "" if cell.test.p != cell.test.p else cell.test.supports,
         "p": _known(cell.test.p),
         "p_holm": _known(cell.corrected),
@@ -321,7 +321,7 @@ def _known(value: float) -> object:
     return "" if value != value else value
 
 
-def named(cell: Table) -> str:
+def cell_in_words(cell: Table) -> str:
     """A cell in words."""
     counts = {"joints": "joint", "num_goals": "goal"}
     words = []

@@ -14,10 +14,10 @@ from train.experiments.claims import (
     REFUTED,
     UNDECIDED,
     Decision,
+    cell_in_words,
     cell_row,
     corrected,
     decide,
-    named,
 )
 from train.experiments.measures import note
 from train.experiments.replication import PAGE, STUDIES, Replication, changed_rules
@@ -185,7 +185,7 @@ def rule_words(claim: Claim) -> str:
     return note(
         f"rules.{claim.rule}",
         more=note("rules.more"),
-        others=" and of ".join(named(other) for other in claim.than),
+        others=" and of ".join(cell_in_words(other) for other in claim.than),
         percent=claim.percent,
         reference=note(f"rules.{claim.to}"),
         part=note(f"rules.{claim.part}"),
@@ -204,7 +204,7 @@ def evidence_table(each: Decided) -> str:
             if not all(values):
                 continue
             mean = fmean(map(fmean, values))
-            row: Row = {"verdict": cell.verdict, "setting": named(group.cell)}
+            row: Row = {"verdict": cell.verdict, "setting": cell_in_words(group.cell)}
             row["each run"] = ", ".join(map(_three, chain(*values)))
             row["mean [95 %]"] = _bounded(mean, interval_of(values))
             if compared:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from train.experiments.expansion import NO_SETTINGS
-from train.experiments.recorded import settings_in, typed
+from train.experiments.recorded import typed_column, varied_settings
 from train.experiments.rows import StudyRows
 from train.experiments.study import Layout, StudyFile, choose_version, read_file
 from train.experiments.tuning import score
@@ -29,7 +29,7 @@ def read_table(path: Path) -> list[Row]:
         ValueError: as `read_csv`.
     """
     rows = read_csv(path)
-    columns = {name: typed(name, [row[name] for row in rows]) for name in (rows or [{}])[0]}
+    columns = {name: typed_column(name, [row[name] for row in rows]) for name in (rows or [{}])[0]}
     return [
         dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
     ]
@@ -119,5 +119,5 @@ def chosen_trials(file: StudyFile, rows: Iterable[Row]) -> dict[str, list[Row]]:
 def tried_settings(row: Row) -> Row:
     """The settings that a trial drew."""
     other = (*UNITS, "variant", *NO_SETTINGS)
-    names = [name for name in settings_in([*row]) if name not in other]
+    names = [name for name in varied_settings([*row]) if name not in other]
     return {name: row[name] for name in names if row[name] is not None}

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 
 from pursuit.validation import check, one_of
-from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.identity import fingerprint, frozen_mazes, inputs_of
+from train.experiments.library_runs import LIBRARY_RUN
 from train.experiments.recorded import MEASURED
 from train.experiments.rows import flat_plain
 from train.experiments.runs import Study, TrainingRun, job_name
@@ -40,10 +40,10 @@ MAX_RUNS = 100_000
 NO_SETTINGS = ("name", "trial", "rung")
 """Names in labels that are no settings."""
 
-Change = Callable[[StudyFile], StudyFile]
+StudyChange = Callable[[StudyFile], StudyFile]
 """Modifies the contents of a study file."""
 Tuned = Mapping[tuple[str, str], Table]
-"""Settings found by a search, by algorithm or contestant ("" for any), and by variant ("" for
+"""Settings found by a search, by algorithm or library ("" for any), and by variant ("" for
 all)."""
 
 
@@ -51,7 +51,7 @@ def load_study(
     name: str,
     kind: str = "sweep",
     version: str | None = None,
-    change: Change = lambda file: file,
+    change: StudyChange = lambda file: file,
     tuned: Tuned | None = None,
 ) -> Study:
     """Read a study file and expand it, without running it.
@@ -82,7 +82,7 @@ def check_kind(file: StudyFile, kind: str) -> None:
         f"{[variant.get('name') for variant in file.variants or ()]}",
     )
     check(
-        (kind == "comparison") == (file.kind == CONTESTANT),
+        (kind == "comparison") == (file.kind == LIBRARY_RUN),
         f"kind={file.kind!r}; give kind = 'contestant' in a comparison, which `pursuit compare` "
         "runs",
     )
@@ -128,7 +128,7 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
         own_seeds = [seeds[place["maze"]]] if file.paired else seeds
         for variant, sample in itertools.product(variants or [{}], drawn):
             label = values | variant | sample
-            of = {**common, **label}.get("contestant" if kind == CONTESTANT else "algorithm")
+            of = {**common, **label}.get("contestant" if kind == LIBRARY_RUN else "algorithm")
             name = label.get("name", "")
             keys = ((str(of), name), (str(of), ""), ("", name))
             found = next((tuned[key] for key in keys if key in tuned), {})
@@ -144,11 +144,11 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     ordered = alternating(sorted(runs.values(), key=lambda run: seeds.index(run.seed)))
     if file.control is not None:
         check_measures(file, ordered)
-    return Study(layout_of(file, stem, ordered, [*grid, *drawn[0]]), ordered, kind == CONTESTANT)
+    return Study(layout_of(file, stem, ordered, [*grid, *drawn[0]]), ordered, kind == LIBRARY_RUN)
 
 
 def alternating(runs: Sequence[TrainingRun]) -> tuple[TrainingRun, ...]:
-    """The runs with contestants in the innermost loop, rotated so that none is always the first."""
+    """The runs with libraries in the innermost loop, rotated so that none is always the first."""
     same: dict[str, list[TrainingRun]] = {}
     for run in runs:
         other = {name: value for name, value in run.label.items() if name != "contestant"}
@@ -212,7 +212,7 @@ def layout_of(
         ValueError: an unknown name.
     """
     variants, usual = file.variants or [], ReportHints()
-    if file.kind == CONTESTANT and variants:
+    if file.kind == LIBRARY_RUN and variants:
         usual = ReportHints("variant", ["contestant"])
     hints = file.report or usual
     within = {name for variant in variants for name in variant} - {"name"}
@@ -251,7 +251,7 @@ def analysis_of(file: StudyFile, x: str | None, runs: Sequence[TrainingRun]) -> 
         fitting = [PAIRED] if file.kind == SELF_PLAY or games else [VARIANTS, PAIRED]
         several = x == MAZE and len({run.label.get(MAZE) for run in runs}) > 1
         usual = PAIRED if several or len(fitting) == 1 else VARIANTS
-    elif file.kind == CONTESTANT:
+    elif file.kind == LIBRARY_RUN:
         fitting, usual = [SUMMARY, LIBRARIES], LIBRARIES if x == "variant" else SUMMARY
     else:
         fitting, usual = [SUMMARY], SUMMARY

@@ -15,7 +15,15 @@ from train.experiments.measures import interval_of, references_of, size_of
 from train.experiments.rows import StudyRows, by_variant, column_of, longer_is_better
 from train.experiments.statistics import NAN, distance_interval
 from train.reports.curves import SINGLE_RUNS, Level, LineStyle, Panel, Series, draw_panels
-from train.reports.figures import BLACK, GREEN, GREY, PALETTE, Estimate, draw_intervals, time_scale
+from train.reports.figures import (
+    BLACK,
+    GREEN,
+    GREY,
+    PALETTE,
+    PlottedEstimate,
+    draw_intervals,
+    time_scale,
+)
 from train.reports.tables import Row
 
 COLUMNS = 4
@@ -122,7 +130,7 @@ def draw_final(
                 value = low = high = NAN
             group, runs = row.get("group") if several else None, row.get(points, ())
             shade = GREY if own else color
-            estimates.append(Estimate(str(row[line]), value, low, high, runs, shade, group))
+            estimates.append(PlottedEstimate(str(row[line]), value, low, high, runs, shade, group))
         drawn[label] = (scale, estimates)
     words = str(study.x).replace("_", " ") if control is None else ""
     draw_intervals(path, drawn, study.layout.title, words)

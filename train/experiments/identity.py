@@ -22,7 +22,7 @@ from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of
 from train.settings.mazes import named_maze, names_in
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 INPUTS = "inputs"
 """Subfolder of a sweep with copies of opponents."""
@@ -45,7 +45,7 @@ class Input:
 
 def named_policies(plain: Plain) -> dict[str, str]:
     """The policies in plain settings that are not scripted agents, by the setting's name."""
-    named = {name: plain.get(name) for name in ROLES} | (plain.get("players") or {})
+    named = {name: plain.get(name) for name in OPPOSING_ROLES} | (plain.get("players") or {})
     named["opponent"] = plain["task"].get("opponent")
     return {
         name: value

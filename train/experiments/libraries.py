@@ -10,7 +10,7 @@ import numpy as np
 
 from train.evaluation.scores import Measure
 from train.experiments import figures
-from train.experiments.contestant_runs import CONTESTANTS
+from train.experiments.library_runs import COMPARED_LIBRARIES
 from train.experiments.measures import budget_note, note
 from train.experiments.rows import Content, StudyRows
 from train.experiments.statistics import (
@@ -31,14 +31,14 @@ from train.reports.tables import (
     words,
 )
 
-POLICIES = [Measure(policy, f"%, {policy}") for policy in ("greedy", "sampled")]
-"""The measures of contestants."""
+POLICY_GAPS = [Measure(policy, f"%, {policy}") for policy in ("greedy", "sampled")]
+"""The measures of libraries."""
 TARGETS = (5.0, 2.0, 1.0)
-"""Gaps in per cent to which contestants are compared."""
+"""Gaps in per cent to which libraries are compared."""
 
 
-def contestant_rows(study: StudyRows) -> list[Row]:
-    """A row for each task, policy (greedy or sampled) and contestant: times to the gaps of
+def library_rows(study: StudyRows) -> list[Row]:
+    """A row for each task, policy (greedy or sampled) and library: times to the gaps of
     `TARGETS`, and final gaps in per cent; failed runs count as not reaching any."""
     table: list[Row] = []
     runs = study.everything
@@ -60,7 +60,7 @@ def contestant_rows(study: StudyRows) -> list[Row]:
 
 
 def first_to_gaps(study: StudyRows, table: Sequence[Row]) -> list[Row]:
-    """For each task, policy, gap and unit the contestant with the smallest median, the second, and
+    """For each task, policy, gap and unit the library with the smallest median, the second, and
     their test: "ratio" of medians, "faster_in" (share of pairs of runs), and p, not corrected."""
     found: list[Row] = []
     for (task, policy), gap, unit in product(
@@ -89,8 +89,8 @@ def first_to_gaps(study: StudyRows, table: Sequence[Row]) -> list[Row]:
     return found
 
 
-def contestant_columns() -> list[Column]:
-    """The columns of contestants, by task and policy."""
+def library_columns() -> list[Column]:
+    """The columns of libraries, by task and policy."""
     return [
         words("task"),
         words("policy"),
@@ -104,7 +104,7 @@ def contestant_columns() -> list[Column]:
 
 
 def first_columns() -> list[Column]:
-    """The columns of the fastest contestants."""
+    """The columns of the fastest libraries."""
     return [
         words("task"),
         words("policy"),
@@ -118,7 +118,7 @@ def first_columns() -> list[Column]:
     ]
 
 
-def contestant_notes(study: StudyRows) -> list[str]:
+def library_notes(study: StudyRows) -> list[str]:
     """The method, and the versions of the libraries."""
     rows = study.rows
     clock = "processor time" if rows[0]["clock"] == "processor" else "wall clock"
@@ -133,17 +133,17 @@ def contestant_notes(study: StudyRows) -> list[str]:
     return [f"{budget_note(study)} {method}", versions]
 
 
-def title_of(contestant: str | None) -> str:
+def title_of(library: str | None) -> str:
     """The name of a library in reports; "none" for None."""
-    known = CONTESTANTS.get(str(contestant))
-    return known.title if known else str(contestant or "none")
+    known = COMPARED_LIBRARIES.get(str(library))
+    return known.title if known else str(library or "none")
 
 
 def libraries_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of a comparison of libraries."""
-    rows = contestant_rows(study)
+    rows = library_rows(study)
     first = ResultTable(first_to_gaps(study, rows), first_columns())
-    figures.draw_curves(folder / "curves.png", study, POLICIES, unit, log=True)
-    paragraphs = [*contestant_notes(study), "## First to each gap", first.markdown()]
+    figures.draw_curves(folder / "curves.png", study, POLICY_GAPS, unit, log=True)
+    paragraphs = [*library_notes(study), "## First to each gap", first.markdown()]
     paragraphs.append(note("contestants.first"))
-    return ResultTable(rows, contestant_columns()), paragraphs, ["curves.png"]
+    return ResultTable(rows, library_columns()), paragraphs, ["curves.png"]

@@ -24,7 +24,7 @@ NOTES = tomllib.loads(Path(__file__).with_name("notes.toml").read_text(encoding=
 GAP, REGRET = Measure("optimality_gap", "%"), Measure("return_regret", "return")
 
 
-def measure_of(rows: list[Row]) -> Measure:
+def measure_of_rows(rows: list[Row]) -> Measure:
     """The gap if the optimum of every run is known, otherwise steps; the objective for self-play;
     for single players of small games the return that a best response has more.
 
@@ -65,7 +65,7 @@ def size_of(value: object) -> tuple[float, str]:
     return (float(digits[0]) if digits else 0.0, text)
 
 
-def policies_of(rows: list[Row]) -> str:
+def evaluated_policies(rows: list[Row]) -> str:
     """The evaluated policies, greedy or sampled."""
     return " or ".join(sorted({row["evaluate"] for row in rows if row.get("evaluate")}))
 

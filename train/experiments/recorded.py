@@ -68,7 +68,7 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
     names, known = list(rows[0]) if rows else [], dict[str, Row]()
     results = names[names.index("seed") + 1 :] if rows else []
     numbers = [name for name in results if holds_numbers(name, rows)]
-    columns = {name: typed(name, [cells[name] for cells in rows]) for name in names}
+    columns = {name: typed_column(name, [cells[name] for cells in rows]) for name in names}
     for place, (cells, line) in enumerate(zip(rows, lines[1:], strict=True)):
         where, run = f"{path}, line {line}", cells["run"]
         check(run not in known, f"{where}: a second row of the run {run}; remove one of them")
@@ -142,7 +142,7 @@ def same(text: str, value: object) -> bool:
     return is_number(text) and text not in ("True", "False") and float(text) == value
 
 
-def typed(name: str, values: list[str]) -> list[object]:
+def typed_column(name: str, values: list[str]) -> list[object]:
     """A column with numbers or booleans where all of its values are such, and None for ""."""
     if name not in TEXTS and not name.endswith("_version"):
         booleans = {"True": True, "False": False}
@@ -175,11 +175,11 @@ def columns_of(rows: Iterable[Row]) -> list[str]:
     settings, rest = dict[str, None](), dict[str, None]()
     for row in rows:
         names = list(row)
-        settings |= dict.fromkeys(settings_in(names))
+        settings |= dict.fromkeys(varied_settings(names))
         rest |= dict.fromkeys(names[names.index("seed") + 1 :])
     return [*FIRST, *settings, "seed", *rest]
 
 
-def settings_in(columns: list[str]) -> list[str]:
+def varied_settings(columns: list[str]) -> list[str]:
     """The columns of settings that vary."""
     return columns[len(FIRST) : columns.index("seed")]

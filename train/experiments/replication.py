@@ -16,7 +16,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.mazes.sources import decoded, read_bytes
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of, unknown
-from train.experiments.claims import cells_of
+from train.experiments.claims import cells_of_table
 from train.experiments.expansion import load_study
 from train.experiments.rows import flat_plain
 from train.experiments.runs import TUNING, Study
@@ -31,7 +31,7 @@ from train.experiments.study import (
     Tuning,
     read_file,
 )
-from train.experiments.tuning import Search, search_of
+from train.experiments.tuning import TuningSearch, tuning_search_of
 from train.files import begins_with, read_json, write_json
 from train.reports.tables import in_markdown
 
@@ -131,7 +131,7 @@ def replication_stages(plan: Replication, out: Path) -> list[Stage]:
     """The search, then every study; each with the settings found when it starts."""
     stages, search = list[Stage](), None
     if plan.tuning is not None:
-        search = search_of(plan.tuning, plan.version, out / TUNING)
+        search = tuning_search_of(plan.tuning, plan.version, out / TUNING)
         with reading(plan.name):
             stages += stages_of_search(search, search.study(0))
     for study in plan.studies:
@@ -141,7 +141,9 @@ def replication_stages(plan: Replication, out: Path) -> list[Stage]:
     return stages
 
 
-def runs_of_study(study: ClaimedStudy, plan: Replication, search: Search | None = None) -> Study:
+def runs_of_study(
+    study: ClaimedStudy, plan: Replication, search: TuningSearch | None = None
+) -> Study:
     """The runs of a study, with the settings that a search has found so far.
 
     Raises:
@@ -156,7 +158,7 @@ def runs_of_study(study: ClaimedStudy, plan: Replication, search: Search | None 
         row = {**flat_plain(asdict(run.settings)), **run.files, **run.label}
         rows.append(row | {"maze": names.get(str(row.get("maze")), row.get("maze"))})
     for claim in study.claims:
-        for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of(table)]:
+        for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of_table(table)]:
             check(
                 any(all(row.get(n) == value for n, value in cell.items()) for row in rows),
                 f"study {study.id!r}: the claim {claim.text!r} is about {cell}, but "
@@ -194,11 +196,11 @@ def keep_rules(plan: Replication, out: Path) -> None:
     now = datetime.now(UTC).isoformat(timespec="seconds")
     for study in plan.studies:
         if study.id not in kept:
-            kept[study.id] = {"written": now, "claims": rules_of(study.claims)}
+            kept[study.id] = {"written": now, "claims": rules_of_claims(study.claims)}
     write_json(path, kept)
 
 
-def rules_of(claims: Sequence[Claim]) -> list[Table]:
+def rules_of_claims(claims: Sequence[Claim]) -> list[Table]:
     """Claims as plain values, without the interpretations of their results."""
     plain: list[Table] = msgspec.to_builtins(claims)
     return [{name: value for name, value in claim.items() if name != "cause"} for claim in plain]
@@ -212,7 +214,7 @@ def changed_rules(study: ClaimedStudy, out: Path) -> str:
         return ""
     with contextlib.suppress(msgspec.ValidationError):  # claims of an older format
         before = msgspec.convert(kept["claims"], list[Claim])
-        if rules_of(before) == rules_of(study.claims):
+        if rules_of_claims(before) == rules_of_claims(study.claims):
             return ""
     return f"The rules of this study were changed after its first run ({kept['written']})."
 

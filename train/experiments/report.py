@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from train.experiments import figures
-from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.libraries import libraries_content
+from train.experiments.library_runs import LIBRARY_RUN
 from train.experiments.measures import note
 from train.experiments.rows import Content, StudyRows, read_several, read_study
 from train.experiments.study import LIBRARIES, PAIRED, SUMMARY, VARIANTS
@@ -100,7 +100,7 @@ def usual_analysis(study: StudyRows) -> str:
     """The analysis of a folder that names none: of an earlier version, or of several folders."""
     if study.layout.control is not None:
         return VARIANTS if distance_of(study) is None else PAIRED
-    return LIBRARIES if study.rows[0]["kind"] == CONTESTANT and study.x == "variant" else SUMMARY
+    return LIBRARIES if study.rows[0]["kind"] == LIBRARY_RUN and study.x == "variant" else SUMMARY
 
 
 def settings_parts(trials: Sequence[Row]) -> list[str]:

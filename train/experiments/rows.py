@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check
-from train.experiments.recorded import FIRST, MEASURED, read_recorded, settings_in
+from train.experiments.recorded import FIRST, MEASURED, read_recorded, varied_settings
 from train.experiments.runs import ERROR, LAYOUT, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout, Table
@@ -37,18 +37,22 @@ from train.runs.folder import (
 from train.runs.provenance import check_sources, recorded_parts
 from train.self_play.names import entry_names
 from train.settings.mazes import maze_or_suite
-from train.settings.self_play import LEARN, ROLES
+from train.settings.self_play import LEARN, OPPOSING_ROLES
 from train.settings.task import learning_agent
 
-SCORES = {"random": "random_steps", "learned": "greedy_steps", "learned, sampled": "sampled_steps"}
+SCORE_COLUMNS = {
+    "random": "random_steps",
+    "learned": "greedy_steps",
+    "learned, sampled": "sampled_steps",
+}
 """Columns of the mean steps of these scores."""
 RUNS, CURVES, RUNS_CSV = "results.csv", "curves.csv", "runs.csv"
 OF_GAMES = ("payoff_range", "mixed_share")
 """Entries of the results of small games."""
 GAPS = (20.0, 10.0, 5.0, 2.0, 1.0)
 """Per cent; a row has the time of the first evaluation within each of these gaps."""
-POLICIES = {"": "optimality_gap", "greedy_": "greedy", "sampled_": "sampled"}
-"""Prefixes of these times by the column of the gap; the last two are those of contestants."""
+GAP_COLUMNS = {"": "optimality_gap", "greedy_": "greedy", "sampled_": "sampled"}
+"""Prefixes of these times by the column of the gap; the last two are those of libraries."""
 
 Content = tuple[ResultTable, list[str], list[str]]
 """What an analysis gives: the table of the report, sentences and further tables as Markdown, and
@@ -146,7 +150,7 @@ def read_all(out: Path) -> StudyRows:
     for row in known:
         found.everything.append(row)
         found.curves[str(row["run"])] = []
-        names |= dict.fromkeys(settings_in([*row]))
+        names |= dict.fromkeys(varied_settings([*row]))
         rest = [*row][[*row].index("seed") + 1 :]
         found.measures += [name for name in rest if name not in found.measures]
     found.everything.sort(key=lambda row: str(row["run"]))
@@ -243,8 +247,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
     Results are "frames", "seconds", the evaluation ("mean_steps", "optimality_gap", ...),
     "random_steps", "scripted_steps", "greedy_steps" and "sampled_steps", of a team "members_gap"
     (the mean gap of its members, each with the others fixed), of self-play "nash_conv_last" and so
-    on (`nash_convs_of`), "mixture_low" and "mixture_high", `OF_GAMES`, `curve_measures`, versions,
-    "commit", "machine" and "error".
+    on (`snapshot_nash_convs`), "mixture_low" and "mixture_high", `OF_GAMES`, `curve_measures`,
+    versions, "commit", "machine" and "error".
     """
     settings = settings_row(folder)
     evaluations: list[Row] = [*read_metrics(folder)] if (folder / METRICS).exists() else []
@@ -263,8 +267,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
             results[f"mixture_{end}"] = value
         column = content["objective"]["column"]
         for score in content["scores"]:
-            if score["name"] in SCORES:
-                results[SCORES[score["name"]]] = score["mean_steps"]
+            if score["name"] in SCORE_COLUMNS:
+                results[SCORE_COLUMNS[score["name"]]] = score["mean_steps"]
             elif not score["name"].startswith(("learned", "optimal")):
                 results |= {"scripted": score["name"], "scripted_steps": score["mean_steps"]}
             name = {"random": "random", results.get("scripted"): "scripted"}.get(score["name"])
@@ -288,7 +292,7 @@ def recorded_row(folder: Path) -> Row:
     """The row of a run for a file of rows: the settings that vary and the results, but no columns
     of single players."""
     row, measures, evaluations = read_run(folder)
-    sides = tuple(f"{role}_" for role in read_config(folder)[1].get("players") or ROLES)
+    sides = tuple(f"{role}_" for role in read_config(folder)[1].get("players") or OPPOSING_ROLES)
     of_sides = [n for n in measures if n.startswith(sides) or f"_{n}".endswith("_at_start")]
     label = [MEASURED.get(name, name) for name in read_label(folder)]
     place = [name for name in ("maze", "game") if row.get(name) is not None]
@@ -314,7 +318,7 @@ def flat_plain(nested: Table) -> Table:
     plain |= plain.pop("players", {})
     sides = {
         role: {"algorithm": plain[role]["algorithm"], **plain[role]["hyper"]}
-        for role in (nested.get("players") or ROLES)
+        for role in (nested.get("players") or OPPOSING_ROLES)
         if isinstance(plain.get(role), Mapping)
     }
     for role, own in sides.items():
@@ -347,7 +351,7 @@ def settings_row(folder: Path) -> Row:
     if "members" in row:
         row["members"] = " ".join(row["members"])
     # Labels also have settings such as `preset`, by which reports can group.
-    files = ("maze", "curriculum_mazes", "opponent", *(plain.get("players") or ROLES))
+    files = ("maze", "curriculum_mazes", "opponent", *(plain.get("players") or OPPOSING_ROLES))
     varying = {MEASURED.get(name, name): value for name, value in label.items()}
     return row | {n: value for n, value in varying.items() if n not in row or n in files}
 
@@ -375,7 +379,7 @@ def curve_measures(row: Row, evaluations: Sequence[Row]) -> Row:
         found["shortfall"] = sign * float(row["optimality_gap"])
         optimality = 1.0 + gap if evader else 1.0 / (1.0 + gap)
         found["mean_optimality"] = mean_over(frames, optimality)
-    for prefix, name in POLICIES.items():
+    for prefix, name in GAP_COLUMNS.items():
         values = sign * column_of(evaluations, name)
         for threshold in GAPS if known and not np.isnan(values).all() else ():
             for unit, times in (("seconds", seconds), ("frames", frames)):

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 from pursuit.validation import check
-from train.experiments import contestant_runs  # noqa: F401 (adds its kind of run)
+from train.experiments import library_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
 from train.experiments.recorded import MEASURED, Cells, complete_in
 from train.experiments.study import Layout, Table

@@ -13,11 +13,11 @@ from functools import partial
 from pathlib import Path
 
 from pursuit.validation import check
-from train.experiments.expansion import Change, check_kind, load_study
+from train.experiments.expansion import StudyChange, check_kind, load_study
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
 from train.experiments.study import StudyFile, choose_version, content_of, read_file
-from train.experiments.tuning import Search, search_of
+from train.experiments.tuning import TuningSearch, tuning_search_of
 
 RUN_ROWS = "runs"
 """The file of rows of the runs of a study, but for its search."""
@@ -41,7 +41,7 @@ class Stage:
     name: str
     expand: Callable[[], Study]
     folder: Path
-    search: Search | None = None
+    search: TuningSearch | None = None
     reported: bool = True
 
 
@@ -50,7 +50,7 @@ def stages_of(
     kind: str,
     version: str | None,
     out: Path,
-    change: Change = lambda file: file,
+    change: StudyChange = lambda file: file,
     rows: Path | None = None,
 ) -> list[Stage]:
     """The stages of a study file: its search if it has one, and its runs.
@@ -75,7 +75,7 @@ def stages_of(
     with content_of(path):
         file = change(choose_version(content, version))
         check_kind(file, kind)
-        search = search_of(content.tuning, version, out / TUNING, file, known[TUNING])
+        search = tuning_search_of(content.tuning, version, out / TUNING, file, known[TUNING])
         first = search.study(0)  # refuses what cannot run before anything is executed
 
     def tuned() -> Study:
@@ -85,7 +85,7 @@ def stages_of(
     return [*stages_of_search(search, first), Stage(path.stem, tuned, out, search)]
 
 
-def stages_of_search(search: Search, first: Study) -> list[Stage]:
+def stages_of_search(search: TuningSearch, first: Study) -> list[Stage]:
     """The rungs of a search; `first` is the first one."""
     names = [f"rung {n}" if search.has_rungs else "search" for n in search.rungs]
     later = [partial(search.study, number) for number in search.rungs[1:]]

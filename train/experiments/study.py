@@ -22,7 +22,7 @@ import msgspec
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of
 from train.schemas import read_as
-from train.settings.self_play import ROLES, unnested_sides
+from train.settings.self_play import OPPOSING_ROLES, unnested_sides
 
 FILES = Path(__file__).with_name("files")
 FOLDERS = {"sweep": FILES}
@@ -75,7 +75,7 @@ class Version(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class Trials(msgspec.Struct, forbid_unknown_fields=True):
-    """[tuning.short] or [tuning.full]: trials of each algorithm or contestant, and their budget.
+    """[tuning.short] or [tuning.full]: trials of each algorithm or library, and their budget.
 
     Attributes:
         samples: number of trials.
@@ -102,14 +102,14 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Tuning(msgspec.Struct, forbid_unknown_fields=True):
-    """[tuning]: the search for settings, with the same budget for every algorithm or contestant.
+    """[tuning]: the search for settings, with the same budget for every algorithm or library.
 
     In an ablation every variant that is in `space` is searched; with "all" every one not in `like`.
 
     Attributes:
         mazes: of the search; runs of the study use other mazes. By variant, or for all.
         games: of the search of an ablation, in place of mazes.
-        space: the searched settings by algorithm, contestant or variant, in the form of [search];
+        space: the searched settings by algorithm, library or variant, in the form of [search];
             those of "all" are for every one.
         like: of an ablation, variants by name that have the settings found for another one, but for
             those that they set themselves.
@@ -334,7 +334,7 @@ def unnested_tables(content: Table, small: bool = False) -> Table:
     def flat(name: str, table: Any) -> Any:
         if not isinstance(table, dict):
             return table
-        return unnested_sides(table, sides_in(table, name) if small else ROLES)
+        return unnested_sides(table, sides_in(table, name) if small else OPPOSING_ROLES)
 
     for name, value in content.items():
         if name in VERSIONS and isinstance(value, dict):

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE
+from train.evaluation.scores import BY_OUTCOME, UNTIL_CAPTURE
 from train.experiments import figures
 from train.experiments.measures import (
     GAP,
     REGRET,
+    evaluated_policies,
     interval_of,
-    measure_of,
+    measure_of_rows,
     note,
-    policies_of,
     references_of,
     size_of,
 )
@@ -37,7 +37,7 @@ HEADS = {
 
 def summary(rows: list[Row], x: str | None) -> list[Row]:
     """One row for each x and group: means over seeds with their intervals, gaps in per cent."""
-    measure, table = measure_of(rows), []
+    measure, table = measure_of_rows(rows), []
     keys = dict.fromkeys((row["_x"], row["_group"]) for row in rows)
     known = {name for name in rows[0] if all(row.get(name) is not None for row in rows)}
     for value, name in sorted(keys, key=lambda key: size_of(key[0])):
@@ -69,7 +69,7 @@ def summary(rows: list[Row], x: str | None) -> list[Row]:
 
 def sweep_table(rows: list[Row], x: str | None) -> ResultTable:
     """The summary of runs as a table."""
-    table, measure = summary(rows, x), measure_of(rows)
+    table, measure = summary(rows, x), measure_of_rows(rows)
     unit = measure.name
     heads = HEADS | {unit: f"{measure.title} [95 %]", f"{unit}_iqm": "interquartile mean"}
     columns = []
@@ -91,16 +91,16 @@ def _setting(name: str, row: Row) -> str:
 
 def sweep_notes(rows: list[Row]) -> list[str]:
     """The explanation of the table and the figures."""
-    measure, single = measure_of(rows), all(row["kind"] == RUN for row in rows)
+    measure, single = measure_of_rows(rows), all(row["kind"] == RUN for row in rows)
     lines = [note("sweep.intervals", test=" (`pursuit ablate` makes one)" if single else "")]
     lines += [note("gaps.cut")] if measure == GAP else []
-    kinds = policies_of(rows)
+    kinds = evaluated_policies(rows)
     if measure.name in ("gap", "steps") and kinds:
         lines.append(note("sweep.steps", kinds=kinds))
     elif measure.name == "nash_conv":
         games = any(row.get("game") is not None for row in rows)
         exits = any(row.get("outcome") is not None for row in rows)
-        unit = (OUTCOMES if exits else UNTIL_CAPTURE).unit
+        unit = (BY_OUTCOME if exits else UNTIL_CAPTURE).unit
         lines.append(note("sweep.game") if games else note("sweep.nash_conv", unit=unit))
     elif measure == REGRET:
         lines.append(note("sweep.regret"))
@@ -111,7 +111,7 @@ def sweep_notes(rows: list[Row]) -> list[str]:
 
 def summary_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
     """The report of a sweep, and of several folders."""
-    names, measure = ["learning_curves.png"], measure_of(study.rows)
+    names, measure = ["learning_curves.png"], measure_of_rows(study.rows)
     table = sweep_table(study.rows, study.x)
     if study.x and len({row["_x"] for row in study.rows}) > 1:
         panels = {measure.title: (measure.scale, measure.name, "each_run")}

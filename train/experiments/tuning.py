@@ -21,8 +21,8 @@ from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
 from pursuit.validation import check
 from scripted_agents.games.named import game_key
-from train.experiments.contestant_runs import CONTESTANT
 from train.experiments.expansion import NO_SETTINGS, Tuned, alternating, runs_of
+from train.experiments.library_runs import LIBRARY_RUN
 from train.experiments.rows import read_all
 from train.experiments.runs import LAYOUT, TUNING, Study, TrainingRun, read_label
 from train.experiments.search import draw_samples
@@ -53,7 +53,7 @@ class Searched:
     """What has settings of its own.
 
     Attributes:
-        learner: an algorithm or contestant; "" for a variant of an ablation.
+        learner: an algorithm or library; "" for a variant of an ablation.
         task: a variant; "" for all.
         common, own: settings of its trials besides the drawn ones: those of the study, and those of
             the variant, which are not drawn.
@@ -71,7 +71,7 @@ class Searched:
 
 
 @dataclass(frozen=True)
-class Search:
+class TuningSearch:
     """The trials of a study.
 
     Attributes:
@@ -137,7 +137,7 @@ class Search:
         title = f"Search for the settings of each {self.of}"
         title = f"Search for settings, rung {rung + 1}" if self.has_rungs else title
         layout = Layout(title, x="trial", group=[self.of])
-        return Study(layout, alternating(runs), self.kind == CONTESTANT, self.rows)
+        return Study(layout, alternating(runs), self.kind == LIBRARY_RUN, self.rows)
 
     def units(self, searched: Searched) -> Sequence[str]:
         """The games or mazes of the trials."""
@@ -186,20 +186,20 @@ class Search:
         ]
 
 
-def search_of(
+def tuning_search_of(
     tuning: Tuning,
     version: str | None,
     out: Path,
     file: StudyFile | None = None,
     rows: Path | None = None,
-) -> Search:
+) -> TuningSearch:
     """The search of a study.
 
     Args:
         tuning: of its file.
         version: "short" or "full"; short by default.
         out: the folder of the search.
-        file: an ablation, whose variants are searched, or a comparison, whose contestants are
+        file: an ablation, whose variants are searched, or a comparison, whose libraries are
             searched on each task (its variants); None: algorithms are searched on the task in the
             settings of `tuning`.
         rows: the file with the rows of finished trials, or None.
@@ -212,23 +212,25 @@ def search_of(
     if file is None:
         check_once("algorithm in [tuning]", [*tuning.space])
         whole = tuple(Searched(name, "", tuning.settings, {}) for name in tuning.space)
-        return Search(tuning, trials, whole, "algorithm", RUN, out, rows=rows)
+        return TuningSearch(tuning, trials, whole, "algorithm", RUN, out, rows=rows)
     common = {**(file.settings or {}), **tuning.settings}
     studied = tuple(judged(file, "maze"))
-    if file.kind == CONTESTANT:
-        contestants = (file.grid or {}).get("contestant", [])
-        check_once("contestant in [grid]", contestants)
+    if file.kind == LIBRARY_RUN:
+        libraries = (file.grid or {}).get("contestant", [])
+        check_once("contestant in [grid]", libraries)
         check(
             max(file.seeds or [0]) < FIRST_TRIAL_SEED,
             f"seeds={file.seeds}; give seeds below {FIRST_TRIAL_SEED}, the first seed of trials",
         )
         common["evaluations"] = 1
         whole = tuple(
-            Searched(name, str(task.get("name", "")), common, settings_in(task))
-            for task, name in itertools.product(file.variants or [Table()], contestants)
+            Searched(name, str(task.get("name", "")), common, settings_of_variant(task))
+            for task, name in itertools.product(file.variants or [Table()], libraries)
         )
         episodes = file.episodes or EPISODES
-        return Search(tuning, trials, whole, "contestant", CONTESTANT, out, studied, episodes, rows)
+        return TuningSearch(
+            tuning, trials, whole, "contestant", LIBRARY_RUN, out, studied, episodes, rows
+        )
     check_ablation(file)
     variants = {str(variant["name"]): variant for variant in file.variants or ()}
     for name in (*({*tuning.space} - {"all"}), *tuning.like):
@@ -245,17 +247,19 @@ def search_of(
     keys = {game_key(game) for game in judged(file, "game")}
     used = sorted(game for game in tuning.games if game_key(game) in keys)
     check(not used, f"games {used} of [tuning] are those of the study; give others")
-    whole = tuple(Searched("", name, common, settings_in(variants[name])) for name in searched)
-    return Search(tuning, trials, whole, "variant", file.kind or RUN, out, studied, rows=rows)
+    whole = tuple(
+        Searched("", name, common, settings_of_variant(variants[name])) for name in searched
+    )
+    return TuningSearch(tuning, trials, whole, "variant", file.kind or RUN, out, studied, rows=rows)
 
 
-def settings_in(variant: Table) -> Table:
+def settings_of_variant(variant: Table) -> Table:
     """The settings of a variant."""
     return {name: value for name, value in variant.items() if name != "name"}
 
 
 def draws_of(tuning: Tuning, trials: Trials, searched: Searched) -> list[Table]:
-    """The settings of every trial. Those of "all" are equal for every algorithm, contestant or
+    """The settings of every trial. Those of "all" are equal for every algorithm, library or
     variant, and so are those of equal spaces."""
     name = searched.learner or searched.task
     spaces = [tuning.space[each] for each in ("all", name) if each in tuning.space]
@@ -333,7 +337,7 @@ def trials_in(folder: Path) -> list[Row]:
     """The trials in the folder of a rung, in the order of their numbers; nothing if there are none.
 
     Returns:
-        A row for each trial of each variant, algorithm or contestant (and task): its settings, its
+        A row for each trial of each variant, algorithm or library (and task): its settings, its
         gaps on all mazes, its `score` (None while a run is missing), and whether it is "chosen":
         the first one with the lowest score.
     """

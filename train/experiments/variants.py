@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check
 from train.experiments import figures
-from train.experiments.measures import budget_note, note, policies_of
+from train.experiments.measures import budget_note, evaluated_policies, note
 from train.experiments.rows import GAPS, Content, StudyRows, by_variant
 from train.experiments.runs import Study, TrainingRun
 from train.experiments.statistics import (
@@ -386,7 +386,7 @@ def paired_columns(layout: Layout, distance: Distance) -> list[Column]:
 
 def variant_notes(study: StudyRows) -> list[str]:
     """The explanation of the table of variants that are compared by gaps."""
-    layout, kinds = study.layout, policies_of(study.rows)
+    layout, kinds = study.layout, evaluated_policies(study.rows)
     pairs = [in_markdown(f"Variants {one} and {other}") for one, other in equal_results(study)]
     lines = [
         *(note("gaps.equal", pair=pair) for pair in pairs),
@@ -525,7 +525,7 @@ def check_measures(file: StudyFile, runs: Sequence[TrainingRun]) -> None:
 
 
 def out_of_reach(study: Study) -> list[str]:
-    """A line for the variants (or contestants) whose corrected p cannot be below LEVEL; [] if none.
+    """A line for the variants (or libraries) whose corrected p cannot be below LEVEL; [] if none.
 
     Holm's correction multiplies the smallest of m values by m.
     """

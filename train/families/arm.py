@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 from pursuit.reacher.simulator import ReacherSimulator
 from pursuit.validation import Missing
 from train.evaluation.arm_contest import ArmContest
-from train.families.family import Family, World
+from train.families.family import Family, TaskWorld
 from train.networks.arm_policy import ArmSeat
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
@@ -24,7 +24,7 @@ def seat_of(settings: AgentSettings) -> ArmSeat:
 
 
 @dataclass(frozen=True)
-class ArmWorld(World):
+class ArmWorld(TaskWorld):
     """An arm; there are no other agents."""
 
     BATCH: ClassVar[Any] = ReacherSimulator
@@ -32,19 +32,19 @@ class ArmWorld(World):
 
     @property
     def context(self) -> ArmContext:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         return ArmContext(self.task)
 
     def policies(self, seat: Seat) -> list[Any]:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         return [None]
 
     def metrics(self, seat: Seat) -> EpisodeMetrics:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         return EpisodeMetrics(lambda arms: arms.terminated, lambda arms: arms.returns)
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> ArmContest:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         return ArmContest(self.task, episodes, seed)
 
 

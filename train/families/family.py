@@ -1,4 +1,4 @@
-"""`Family`: the record of the parts of a kind of game, and `World`: a task with its policies."""
+"""`Family`: the record of the parts of a kind of game; `TaskWorld`: a task with its policies."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only trai
 
 
 @dataclass(frozen=True)
-class World(ABC):
+class TaskWorld(ABC):
     """A task with the policies of its agents, built once from settings.
 
     Attributes:
@@ -137,6 +137,6 @@ class Family:
 
     settings: type[TaskForm]
     seat: Callable[[AgentSettings], Seat]
-    world: Callable[..., World]
+    world: Callable[..., TaskWorld]
     policies: NamedPolicies | Missing
     sides: Callable[..., Sides] | Missing

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from pursuit.validation import Missing, check
 from scripted_agents.exact.references import ReturnSolver
 from train.evaluation.return_contest import ReturnContest
-from train.families.family import World
+from train.families.family import TaskWorld
 from train.families.policies import NamedPolicies, policy_named
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
@@ -21,7 +21,7 @@ NO_MODELS = Missing("a saved model plays in mazes; give the folder of a run of t
 
 
 @dataclass(frozen=True)
-class GameWorld(World):
+class GameWorld(TaskWorld):
     """A game of agents with policies by name, in returns; the base for kinds of one's own.
 
     Attributes:
@@ -50,7 +50,7 @@ class GameWorld(World):
 
     @cached_property
     def opponents(self) -> dict[str, Any]:
-        """As of `World`, by agent."""
+        """As of `TaskWorld`, by agent."""
         given, roles = self.settings, zip(self.task.agent_names, self.task.seat_roles, strict=True)
         how = (given.opponent_epsilon, given.opponent_policy)
         return {
@@ -69,11 +69,11 @@ class GameWorld(World):
         return policy_named(self.POLICIES, self.saved, name, self.task, agent)
 
     def policies(self, seat: Seat) -> list[Any]:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         return [self.opponents.get(name) for name in self.task.agent_names]
 
     def metrics(self, seat: Seat) -> EpisodeMetrics:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         seats = [self.task.seat(name) for name in self.own]
         return EpisodeMetrics(
             lambda games: games.returns[:, seats].mean(axis=1) > games.returns.mean(axis=1),
@@ -81,11 +81,11 @@ class GameWorld(World):
         )
 
     def bounded(self, discount: float) -> bool:
-        """As of `World`: without discount returns are those within the time limit."""
+        """As of `TaskWorld`: without discount returns are those within the time limit."""
         return discount == 1.0
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         agent = self.agent if len(self.own) > 1 else self.own[0]
         random = self.named(self.policy_names[0], self.task.seat_roles[self.task.seat(agent)])
         how = (self.BATCH, episodes, seed, self.solver, random)

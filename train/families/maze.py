@@ -17,11 +17,11 @@ from scripted_agents.environments import (
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.maze_sides import MazeSides
-from train.evaluation.scores import BY_MOST_STEPS, measure_of
+from train.evaluation.scores import BY_MOST_STEPS, measure_of_role
 from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.team_contest import TeamContest
-from train.families.family import Family, World
-from train.families.maze_policies import POLICIES, opponents_of
+from train.families.family import Family, TaskWorld
+from train.families.maze_policies import MAZE_POLICIES, opponents_of
 from train.networks.policy import MazeSeat
 from train.networks.seat import Seat
 from train.settings.checks import EVALUATION_SEED
@@ -46,7 +46,7 @@ def seat_of(settings: AgentSettings) -> MazeSeat:
 
 
 @dataclass(frozen=True)
-class GridWorld(World):
+class GridWorld(TaskWorld):
     """A game in mazes with its opponents."""
 
     BATCH: ClassVar[Any] = Simulator
@@ -60,38 +60,38 @@ class GridWorld(World):
 
     @property
     def context(self) -> CurriculumContext:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         given = self.settings
         learned = None if given.opponent in AGENTS else given.opponent
         epsilon = given.opponent_epsilon
         return CurriculumContext(self.task, self.agent, self.opponents, epsilon, learned)
 
     def policies(self, seat: Seat) -> list[Policy | None]:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         number, policies = fill_seats(seat.task, seat.agent, self.opponents)
         agents = seat.team_size if seat.team else 1
         policies[number : number + agents] = [None] * agents
         return policies
 
     def metrics(self, seat: Seat) -> EpisodeMetrics:
-        """As of `World`."""
+        """As of `TaskWorld`."""
         number = seat.number
         seats = slice(number, number + (seat.team_size if seat.team else 1))
         return EpisodeMetrics(
             lambda games: won_by(games, number),
             lambda games: games.returns[:, seats].mean(axis=1),
-            measure_of(seat.task, seat.role) != BY_MOST_STEPS,
+            measure_of_role(seat.task, seat.role) != BY_MOST_STEPS,
         )
 
     def brief(self, episodes: int, steps: int) -> Any:
-        """As of `World`. User-defined opponents are built anew, as they may have random streams of
-        their own."""
+        """As of `TaskWorld`. User-defined opponents are built anew, as they may have random streams
+        of their own."""
         contest = super().brief(episodes, steps)
         scripted = self.settings.opponent in (None, *AGENTS)
         return contest if scripted else replace(contest, opponents=replace(self).opponents)
 
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> GameContest | SuiteContest:
-        """As of `World`; with `team` of the whole team."""
+        """As of `TaskWorld`; with `team` of the whole team."""
         given = (self.task, self.agent, self.opponents, episodes, seed)
         role = self.task.seat_roles[self.task.seat(self.agent)]
         if self.team and self.task.count(role) > 1:
@@ -106,4 +106,4 @@ class GridWorld(World):
         return GameContest(*given, mask_bumps=self.settings.mask_bumps)
 
 
-FAMILY = Family(TaskSettings, seat_of, GridWorld, POLICIES, MazeSides)
+FAMILY = Family(TaskSettings, seat_of, GridWorld, MAZE_POLICIES, MazeSides)

@@ -16,7 +16,7 @@ from scripted_agents.environments import (
     named_policy,
     roles_of_agent,
 )
-from train.families.policies import NamedPolicies, SavedRuns, check_side, loaded
+from train.families.policies import NamedPolicies, SavedRuns, check_side, loaded_policy
 from train.settings.task import TaskSettings
 
 
@@ -56,7 +56,7 @@ def opponents_of(
             return opponents_of(saved, task, agent, fixed.name, epsilon, fixed.played, observation)
         path /= first
     trained = {"task": task, "agent": first, "observation": observation}
-    policy = loaded(POLICIES, saved, path, played, **trained)
+    policy = loaded_policy(MAZE_POLICIES, saved, path, played, **trained)
     role = role_of(policy)
     check(
         role in others,
@@ -98,6 +98,6 @@ def placed(policy: Policy, task: Task, agent: str, name: str, epsilon: float) ->
     return policy
 
 
-POLICIES = NamedPolicies(
+MAZE_POLICIES = NamedPolicies(
     TaskSettings, AGENTS, is_agent, named_policy, roles_of_agent, placed, role_of
 )

@@ -106,7 +106,7 @@ def policy_named(
                 return policy_named(policies, saved, fixed.name, task, agent, *how)
         folder /= agent
     trained = {"task": task, "agent": agent, "observation": observation}
-    policy = loaded(policies, saved, folder, played, **trained)
+    policy = loaded_policy(policies, saved, folder, played, **trained)
     return policies.placed(policy, task, agent, name, epsilon)
 
 
@@ -118,7 +118,7 @@ def check_side(name: str, sides: Mapping[str, object], agent: str) -> None:
     )
 
 
-def loaded(
+def loaded_policy(
     policies: NamedPolicies, saved: SavedRuns, path: Path, played: str = "sampled", **trained: Any
 ) -> Any:
     """A policy from the folder of a run, or from a saved Stable-Baselines3 model; `trained` as of

@@ -84,8 +84,8 @@ def player_of(policy: Any) -> str:
     return str(policy.agent)
 
 
-POLICIES = NamedPolicies(
+SMALL_GAME_POLICIES = NamedPolicies(
     SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, player_of, NO_MODELS
 )
-SmallGameWorld.POLICIES = POLICIES
-FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, POLICIES, SmallGameSides)
+SmallGameWorld.POLICIES = SMALL_GAME_POLICIES
+FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, SMALL_GAME_POLICIES, SmallGameSides)

@@ -11,7 +11,7 @@ from torch import nn
 from train.networks.distributions import Categorical, SquashedNormal
 from train.networks.features import Features
 from train.networks.layers import Hidden, Trunk, head
-from train.networks.recurrent import Cell, cell_of, flattened
+from train.networks.recurrent import RecurrentCell, flattened, recurrent_cell_of
 
 
 class ActorCritic(nn.Module):
@@ -39,8 +39,8 @@ class ActorCritic(nn.Module):
     """
 
     log_std: nn.Parameter | None
-    policy_memory: Cell | None
-    value_memory: Cell | None
+    policy_memory: RecurrentCell | None
+    value_memory: RecurrentCell | None
     form: type[Categorical] | type[SquashedNormal]
 
     def __init__(
@@ -56,8 +56,8 @@ class ActorCritic(nn.Module):
         shared = shared and critic is None
         self.policy_trunk = Trunk(features, hidden)
         self.value_trunk = self.policy_trunk if shared else Trunk(critic or features, hidden)
-        self.policy_memory = cell_of(hidden)
-        self.value_memory = self.policy_memory if shared else cell_of(hidden)
+        self.policy_memory = recurrent_cell_of(hidden)
+        self.value_memory = self.policy_memory if shared else recurrent_cell_of(hidden)
         self.policy_head = head(hidden.width, num_actions, 0.01)
         self.value_head = head(hidden.width, 1, 1.0)
         self.log_std, self.form = None, Categorical

@@ -49,10 +49,10 @@ class JointPolicy:
             draws = np.empty(view.num_games)
             draw_together(view.streams, task.num_agents, view.steps, first, draws)
         chosen = chosen_from(self.joint.probabilities_in(task, view.games, first), draws)
-        return parts_of(chosen, task, self.agent)[:, view.seat - first]
+        return member_actions(chosen, task, self.agent)[:, view.seat - first]
 
 
-def parts_of(joint: NDArray[Any], task: Task, role: str) -> NDArray[np.int32]:
+def member_actions(joint: NDArray[Any], task: Task, role: str) -> NDArray[np.int32]:
     """[games, agents] int32: the actions of all agents of a role in joint actions [games]."""
     powers = task.num_actions ** np.arange(task.count(role))[::-1]
     return (joint[:, None] // powers % task.num_actions).astype(np.int32)

@@ -21,7 +21,7 @@ MAX_STATES = 20_000_000
 """Limit of a table's size: with four actions 320 MB, and as much for the visits."""
 
 
-class Numbering(ABC):
+class SeatNumbering(ABC):
     """The states of a seat's game by number.
 
     Attributes:
@@ -59,7 +59,7 @@ class Numbering(ABC):
         number_states(*games, *self.for_kernels, chosen, states)
 
 
-class StateNumbers(Numbering):
+class StateNumbers(SeatNumbering):
     """The states of a task in one maze: the cells of all agents, and the sets of goals.
 
     Args:
@@ -97,15 +97,15 @@ class StateNumbers(Numbering):
         self.allowed = masks if mask_bumps else np.ones_like(masks)
 
     def games(self, batch: Any) -> Games:
-        """As of `Numbering`."""
+        """As of `SeatNumbering`."""
         return batch.games
 
     def policy(self, q_values: NDArray[np.float64]) -> QTablePolicy:
-        """As of `Numbering`."""
+        """As of `SeatNumbering`."""
         return QTablePolicy(self.task, self.agent, q_values, self.mask_bumps)
 
     def check(self, discount: float) -> None:
-        """As of `Numbering`: not for drawn exits, turns, limited views, and unbounded values."""
+        """As of `SeatNumbering`: not for drawn exits, turns, limited views, unbounded values."""
         task, agent = self.task, self.agent
         check(
             not task.num_exits and not task.options.turns,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.observations.custom import AGENT_ID, without_id
-from pursuit.observations.masks import action_masks, has_masks, warn_of_masks
+from pursuit.observations.masks import action_masks, task_has_masks, warn_of_masks
 from pursuit.observations.observations import Encoder
 from pursuit.replays.adapters import MazeAdapter
 from pursuit.rules.arrays import Array
@@ -25,9 +25,9 @@ from pursuit.tasks.task import ACTIONS, Task
 from pursuit.validation import Plain, check
 from train.networks.features import Features, dtype_of, features_for, features_of, observed
 from train.networks.frames import Observations, stacked
-from train.networks.joint_policy import JointPolicy, parts_of
+from train.networks.joint_policy import JointPolicy, member_actions
 from train.networks.layers import Network, float32_inference
-from train.networks.numbering import Numbering, StateNumbers
+from train.networks.numbering import SeatNumbering, StateNumbers
 from train.networks.recurrent_policy import (
     RecurrentPolicy,
     check_looks,
@@ -136,7 +136,7 @@ class MazeSeat(Seat):
     @property
     def has_masks(self) -> bool:
         """Whether actions are masked: with `mask_bumps`, or in turns."""
-        return has_masks(self.task, self.mask_bumps)
+        return task_has_masks(self.task, self.mask_bumps)
 
     @cached_property
     def seen(self) -> Features:
@@ -182,7 +182,7 @@ class MazeSeat(Seat):
         return seen
 
     @property
-    def numbering(self) -> Numbering:
+    def numbering(self) -> SeatNumbering:
         """As of `Seat`; ValueError for several mazes."""
         return StateNumbers(self.task, self.agent, self.mask_bumps)
 
@@ -209,7 +209,9 @@ class MazeSeat(Seat):
 
     def moves(self, actions: NDArray[Any]) -> NDArray[np.int32]:
         """As of `Seat`; joint actions by agent."""
-        return parts_of(actions, self.task, self.role) if self.joint else super().moves(actions)
+        return (
+            member_actions(actions, self.task, self.role) if self.joint else super().moves(actions)
+        )
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> Any:
         """A policy with this network: a `JointPolicy` of a team as one player, a `RecurrentPolicy`

@@ -19,7 +19,7 @@ GATES = 3
 aten: Any = torch.ops.aten
 
 
-class Cell(nn.Module):
+class RecurrentCell(nn.Module):
     """A GRU (Cho et al., 2014) in torch's form, with a residual connection.
 
     The input is added to the output, so that without use of the state a policy is learned as fast
@@ -72,9 +72,9 @@ class Cell(nn.Module):
         return inputs + hidden.transpose(0, 1), states.transpose(0, 1)
 
 
-def cell_of(hidden: Hidden) -> Cell | None:
+def recurrent_cell_of(hidden: Hidden) -> RecurrentCell | None:
     """The recurrent cell after the hidden layers; None where there is none."""
-    return Cell(hidden.width) if hidden.recurrent else None
+    return RecurrentCell(hidden.width) if hidden.recurrent else None
 
 
 def flattened(frames: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

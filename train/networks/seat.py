@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pursuit.rules.arrays import Array
 from pursuit.validation import Missing, Plain
 from train.networks.features import Features
-from train.networks.numbering import Numbering
+from train.networks.numbering import SeatNumbering
 
 
 class Seat(ABC):
@@ -89,7 +89,7 @@ class Seat(ABC):
         return [str(number) for number in range(self.num_actions)]
 
     @property
-    def numbering(self) -> Numbering | Missing:
+    def numbering(self) -> SeatNumbering | Missing:
         """The states by number, for tables of action values; ValueError if there are too many."""
         return Missing(self.NO_NUMBERS)
 

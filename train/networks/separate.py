@@ -130,17 +130,17 @@ class SeparateNetworks(nn.Module):
 
 
 def network_of_team(
-    network_of: Callable[..., Any], settings: TeamSettings, player: Any, *rest: Any
+    network_of: Callable[..., Any], settings: TeamSettings, seat: Any, *rest: Any
 ) -> Any:
-    """A new network for a player; with `sharing` "separate" one for each agent of its role.
+    """A new network for a seat; with `sharing` "separate" one for each agent of its role.
 
     Args:
-        network_of: (settings, player, *rest) -> a network.
+        network_of: (settings, seat, *rest) -> a network.
         settings: of the algorithm.
-        player: whose observation ends with "+id", if networks are separate.
+        seat: whose observation ends with "+id", if networks are separate.
         rest: further arguments of `network_of`.
     """
-    if settings.sharing == SEPARATE and player.members > 1:
-        networks = [network_of(settings, player, *rest) for _ in range(player.members)]
-        return SeparateNetworks(networks, player.features)
-    return network_of(settings, player, *rest)
+    if settings.sharing == SEPARATE and seat.members > 1:
+        networks = [network_of(settings, seat, *rest) for _ in range(seat.members)]
+        return SeparateNetworks(networks, seat.features)
+    return network_of(settings, seat, *rest)

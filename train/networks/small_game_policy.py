@@ -16,7 +16,7 @@ from pursuit.validation import Plain, check, text_of
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import INDEX, GameSimulator, GameTask, StateView
 from train.networks.features import Features, features_for
-from train.networks.numbering import Numbering
+from train.networks.numbering import SeatNumbering
 from train.networks.policy import NUMBERS_AT_ONCE, NetworkPolicy, PolicyNetwork
 from train.networks.seat import Seat
 
@@ -81,7 +81,7 @@ class SmallGameSeat(Seat):
         return self.observed[batch.state][:, None]
 
     @cached_property
-    def numbering(self) -> Numbering:
+    def numbering(self) -> SeatNumbering:
         """As of `Seat`: those of the game."""
         return GameNumbers(self)
 
@@ -158,7 +158,7 @@ def check_same_game(own: GameTask, task: GameTask) -> None:
     )  # fmt: skip
 
 
-class GameNumbers(Numbering):
+class GameNumbers(SeatNumbering):
     """The states of a small game, as those of a game whose learner is in the cell of this number.
 
     Args:
@@ -174,7 +174,7 @@ class GameNumbers(Numbering):
         self._games = empty_games(0, task.num_agents, 0)
 
     def games(self, batch: GameSimulator) -> Games:
-        """As of `Numbering`."""
+        """As of `SeatNumbering`."""
         if len(self._games.steps) != batch.num_games:
             self._games = empty_games(batch.num_games, batch.task.num_agents, 0)
             self._games.active[:] = 1
@@ -182,11 +182,11 @@ class GameNumbers(Numbering):
         return self._games
 
     def policy(self, q_values: NDArray[np.float64]) -> SmallGameTable:
-        """As of `Numbering`."""
+        """As of `SeatNumbering`."""
         return SmallGameTable(self.seat, q_values)
 
     def check(self, discount: float) -> None:
-        """As of `Numbering`."""
+        """As of `SeatNumbering`."""
         game = self.seat.task.game
         if discount >= 1.0 and game.rewards[:, self.seat.number].max() > 0.0:
             check(

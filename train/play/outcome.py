@@ -9,7 +9,7 @@ NOT_KNOWN = "not known"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class GameResult:
     """The result of one game.
 
     Attributes:
@@ -69,7 +69,7 @@ class Outcome:
         return [f"{name:<{width}}{result}" for name, result in self.rows()]
 
 
-def total_line(outcomes: Sequence[Outcome]) -> str:
+def total_line(outcomes: Sequence[GameResult]) -> str:
     """All games so far in one line; empty for fewer than two games."""
     if len(outcomes) < 2:
         return ""

@@ -18,7 +18,7 @@ from train.evaluation.contest import GameContest
 from train.evaluation.games import Escapes, stepper, won_by
 from train.evaluation.scores import label_of
 from train.files import Plain
-from train.play.outcome import Outcome
+from train.play.outcome import GameResult
 
 
 class Session:
@@ -58,8 +58,8 @@ class Session:
         self.seat, self.policies = fill_seats(self.task, contest.agent, contest.opponents)
         self.own, self.agent, self.policy = self.task.agent_names[self.seat], agent, policy
         self.seed = whole("seed", seed, 0, 2**64 - 1)
-        self.outcomes: list[Outcome] = []
-        self.outcome: Outcome | None = None
+        self.outcomes: list[GameResult] = []
+        self.outcome: GameResult | None = None
         self.start_game(0)
 
     def start_game(self, game: int) -> None:
@@ -129,7 +129,7 @@ class Session:
         """Compile and solve what the games need, so that moves are answered at once."""
         self._outcome_of_game()
 
-    def _outcome_of_game(self) -> Outcome:
+    def _outcome_of_game(self) -> GameResult:
         """The result of the current game, as if it was over."""
         optimum = self.optimum(self.start["positions"], self.start["goals"])
         steps, won, goals = self._played_by_agent()
@@ -137,7 +137,7 @@ class Session:
         order = [first, *(seat for seat in range(len(names)) if seat != first)]
         collects = [seat for seat in order if self.task.seat_roles[seat] != "chaser"]
         competes = self.task.num_goals > 0 and self.task.num_agents > 1
-        return Outcome(
+        return GameResult(
             won=bool(won_by(self.simulator, self.seat, self._escapes.seen)[0]),
             steps=self.step,
             reward=sum(rewards[self.seat] for rewards in self.rewards),

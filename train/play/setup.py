@@ -14,9 +14,9 @@ from train.play.session import Session
 from train.runs.folder import CONFIG
 from train.runs.opponents import is_self_play, policy_of
 from train.runs.saved import load_settings
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.settings.mazes import check_one_maze
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 from train.settings.task import TaskSettings
 from train.settings.task_form import with_values
 
@@ -33,7 +33,7 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     Raises:
         ValueError: invalid settings, or policies that do not match the task.
     """
-    world: Any = world_of(settings)
+    world: Any = task_world_of(settings)
     check_one_maze(world.task, "a game by hand")
     check(
         world.task.mazes[0].is_grid,
@@ -58,11 +58,13 @@ def game_of_run(against: str) -> TaskSettings | None:
     if not (folder / CONFIG).exists():
         return None
     if is_self_play(folder):
-        folder = next((folder / r for r in ROLES if (folder / r / CONFIG).exists()), folder)
+        folder = next(
+            (folder / r for r in OPPOSING_ROLES if (folder / r / CONFIG).exists()), folder
+        )
     learned = load_settings(folder).task
     learned = with_values(learned, against, mask_bumps=False)
     role = learned.agent.split("_")[0]
-    other = other_role(role) if role in ROLES else role
+    other = other_role(role) if role in OPPOSING_ROLES else role
     return replace(learned, role=other, opponent=None, mask_bumps=False)
 
 
@@ -70,7 +72,7 @@ def of_side(settings: TaskSettings) -> TaskSettings:
     """The settings; an opponent that is a self-play run becomes the folder of the other role."""
     folder = Path(str(settings.opponent))
     role = settings.agent.split("_")[0]
-    if settings.opponent is None or not is_self_play(folder) or role not in ROLES:
+    if settings.opponent is None or not is_self_play(folder) or role not in OPPOSING_ROLES:
         return settings
     return replace(settings, opponent=str(folder / other_role(role)))
 
@@ -84,4 +86,4 @@ def name_of(given: str, role: str) -> str:
     folder = Path(given)
     if not folder.exists():
         return given
-    return f"{folder.parent.name}/{folder.name}" if folder.name in ROLES else folder.name
+    return f"{folder.parent.name}/{folder.name}" if folder.name in OPPOSING_ROLES else folder.name

@@ -178,7 +178,7 @@ def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> 
 # -- intervals -------------------------------------------------------------------------------------
 
 
-class Estimate(NamedTuple):
+class PlottedEstimate(NamedTuple):
     """A value with its interval (NaN if unknown), on a line of an interval plot.
 
     Attributes:
@@ -199,7 +199,10 @@ class Estimate(NamedTuple):
 
 
 def draw_intervals(
-    path: Path, panels: Mapping[str, tuple[str, Sequence[Estimate]]], title: str, ylabel: str = ""
+    path: Path,
+    panels: Mapping[str, tuple[str, Sequence[PlottedEstimate]]],
+    title: str,
+    ylabel: str = "",
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 

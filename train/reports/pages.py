@@ -14,7 +14,7 @@ from pursuit.replays.viewer.page import PLAYER, page
 from train.files import Plain, write_text
 from train.reports.tables import ResultTable, in_markdown, words
 
-KINDS = {".png": "image/png", ".svg": "image/svg+xml"}
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 LINK = re.compile(r'<(?P<tag>a|img)\b[^>]*? (?:href|src)="(?P<address>[^"]*)"[^>]*>')
 
 
@@ -49,7 +49,7 @@ def section(title: str, *parts: str) -> list[str]:
     return [f"## {title}", *parts] if any(parts) else []
 
 
-def picture(path: Path, text: str) -> Html:
+def embedded_picture(path: Path, text: str) -> Html:
     """An embedded picture; empty if the file does not exist."""
     if not path.is_file():
         return Html()
@@ -93,7 +93,7 @@ def page_of(report: Path) -> Path:
     def inside(found: re.Match[str]) -> str:
         path, is_link = report.parent / found["address"], found["tag"] == "a"
         here = path.parent == report.parent and path.resolve().parent == report.parent.resolve()
-        if not here or not path.is_file() or (path.suffix not in KINDS and not is_link):
+        if not here or not path.is_file() or (path.suffix not in MEDIA_TYPES and not is_link):
             return "<a>" if is_link else ""
         if is_link:
             return found[0]
@@ -108,7 +108,7 @@ def page_of(report: Path) -> Path:
 def _embedded(path: Path) -> str:
     """The content of a picture as a data URL."""
     content = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f"data:{KINDS[path.suffix]};base64,{content}"
+    return f"data:{MEDIA_TYPES[path.suffix]};base64,{content}"
 
 
 def write_markdown(path: Path, title: str, parts: Iterable[str]) -> Path:

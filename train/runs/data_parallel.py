@@ -200,7 +200,7 @@ class OtherProcesses(Replica):
 
     def check_equal_weights(self, digest: bytes) -> None:
         """RuntimeError if the weights of another process differ."""
-        if digest != digest_of(self.learner):
+        if digest != weights_digest(self.learner):
             raise RuntimeError("the processes of this run have different weights")
 
     def end_reason(self, source: int) -> str:
@@ -275,7 +275,7 @@ def serve_messages(replica: Replica, settings: AgentSettings) -> None:
         torch.set_rng_state(own["torch_rng"])
     assert isinstance(learner, PPO)
     learner.average = replica.average
-    replica.send(digest_of(learner))
+    replica.send(weights_digest(learner))
     while True:
         message = replica.receive()
         if message is None:
@@ -283,7 +283,7 @@ def serve_messages(replica: Replica, settings: AgentSettings) -> None:
                 teacher.forget_episodes()  # which only the first process logs
             own = {**training_state(env, teacher, learner), "torch_rng": torch.get_rng_state()}
             del own["learner"]
-            replica.send((own, digest_of(learner)))
+            replica.send((own, weights_digest(learner)))
             continue
         progress, seconds = message
         if teacher is not None:
@@ -293,7 +293,7 @@ def serve_messages(replica: Replica, settings: AgentSettings) -> None:
         env.finished_lengths.clear()
 
 
-def digest_of(learner: PPO) -> bytes:
+def weights_digest(learner: PPO) -> bytes:
     """A digest of the bits of the weights."""
     digest = hashlib.sha256()
     for weight in learner.network.state_dict().values():

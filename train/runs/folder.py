@@ -188,18 +188,18 @@ def load_checkpoint(folder: Path | str) -> Plain:
     return state
 
 
-def game_digest(player: Any) -> str | None:
-    """The `SmallGame.digest` of the game of a player; None in mazes and for arms."""
-    game = getattr(player.task, "game", None)
+def game_digest(seat: Any) -> str | None:
+    """The `SmallGame.digest` of the game of a seat; None in mazes and for arms."""
+    game = getattr(seat.task, "game", None)
     return None if game is None else str(game.digest)
 
 
-def check_learned(algorithm: str, trainee: Plain, player: Any) -> None:
-    """ValueError unless a saved learner is of this algorithm and of the game of this player, and
+def check_learned(algorithm: str, trainee: Plain, seat: Any) -> None:
+    """ValueError unless a saved learner is of this algorithm and of the game of this seat, and
     all its tensors are finite; `trainee` has "learner", and "algorithm" unless an older version
     wrote it."""
     check(
-        trainee.get("game") == game_digest(player),
+        trainee.get("game") == game_digest(seat),
         "the game has other states, actions, transitions or rewards than when it was trained, or "
         "in another order (of a set, which differs between processes)",
     )

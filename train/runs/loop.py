@@ -207,7 +207,7 @@ class Run(Generic[T]):
         return self.is_spent and self.evaluations >= self.due
 
     @own_defaults()
-    def train(self, report: Report[T] = lambda run, row: None) -> None:
+    def train(self, report: OnReport[T] = lambda run, row: None) -> None:
         """Train until the end of the budget, or until `stopped` is set by `report`.
 
         After Ctrl-C or SIGTERM the run is saved without an evaluation, at once or after the current
@@ -229,7 +229,7 @@ class Run(Generic[T]):
                     self.save()
                 raise
 
-    def _train(self, signals: Signals, board: TensorboardLogger, report: Report[T]) -> None:
+    def _train(self, signals: Signals, board: TensorboardLogger, report: OnReport[T]) -> None:
         trainee, cores = self.trainee, os.cpu_count() or 1
         # Results depend on the number of threads in the last bits, so it may be fixed.
         free = self.budget.free_threads and cores > 1
@@ -288,7 +288,7 @@ class Run(Generic[T]):
         torch.set_num_threads(threads)
         set_random_states(states)
 
-    def _record(self, signals: Signals, board: TensorboardLogger, report: Report[T]) -> None:
+    def _record(self, signals: Signals, board: TensorboardLogger, report: OnReport[T]) -> None:
         """Evaluate, and save the row and the checkpoint.
 
         One that is not due, where `report` stopped the run, leaves no trace in a resumed run.
@@ -418,7 +418,7 @@ class Run(Generic[T]):
         return content
 
 
-Report = Callable[[Run[T], dict[str, float]], None]
+OnReport = Callable[[Run[T], dict[str, float]], None]
 
 
 # -- a run from its settings -----------------------------------------------------------------------

@@ -23,7 +23,7 @@ from train.runs.folder import (
     misfit,
     read_config,
 )
-from train.runs.saved import load_settings, player_of
+from train.runs.saved import learning_seat, load_settings
 from train.runs.stable_baselines import load_stable_baselines
 from train.settings.run import AgentSettings
 from train.settings.self_play import sides_in
@@ -55,7 +55,7 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
         f"{folder}: {settings.algorithm} learns no distribution over actions; use greedy=True",
     )
     with reading(folder / CONFIG):
-        seat = player_of(settings)
+        seat = learning_seat(settings)
         try:
             check_learned(algorithm.name, state["trainee"], seat)
             return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)

@@ -15,13 +15,13 @@ from pursuit.memory import check_memory
 from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
-from train.families.family import World
+from train.families.family import TaskWorld
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
-from train.runs.saved import player_of, unchecked_settings
+from train.runs.saved import learning_seat, unchecked_settings
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import contest_of as contest_of
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.settings.algorithms import Hyperparameters
 from train.settings.common import check_min_probability
 from train.settings.off_policy import ReplaySettings
@@ -52,7 +52,7 @@ class Parts:
     """
 
     settings: AgentSettings
-    world: World
+    world: TaskWorld
     plan: Plan | None
     seat: Seat
     algorithm: Algorithm
@@ -80,7 +80,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
         ValueError: settings that are not valid for the task, the agent, the opponent, the
             algorithm or the curriculum.
     """
-    algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, player_of(settings)
+    algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, learning_seat(settings)
     check(
         type(hyper) is algorithm.settings,
         f"algorithm={algorithm.name!r} with {type(hyper).__name__}; give "
@@ -110,7 +110,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
                 f"{FEWEST_ITERATIONS} and {FEWEST_EPISODES} by more frames or a lower num_games",
                 stacklevel=2,
             )
-    world = world_of(settings.task, algorithm.whole_role)
+    world = task_world_of(settings.task, algorithm.whole_role)
     if algorithm.whole_role:
         world.contest(2)  # refuses what has no result as a team
     mazes = len(getattr(world.task, "mazes", ()))

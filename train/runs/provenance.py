@@ -29,13 +29,13 @@ from train.settings.algorithms import LEARNERS
 from train.settings.axes import AXIS_PARTS
 from train.settings.common import NETWORKS
 from train.settings.curricula import CURRICULUM_PARTS
-from train.settings.self_play import ROLES, SAMPLING_PARTS, WholeSettings
+from train.settings.self_play import OPPOSING_ROLES, SAMPLING_PARTS, WholeSettings
 from train.settings.task_form import FAMILIES
 
 PARTS, COMMAND = "parts", "command"
 """Keys of `config.json` other than settings."""
 
-KINDS: dict[str, Registry[Any]] = {
+REGISTRIES: dict[str, Registry[Any]] = {
     "task": FAMILIES,
     "game": GAMES,
     "rewards": REWARDS,
@@ -61,7 +61,7 @@ Records = dict[str, Record]
 
 
 def own_parts(
-    settings: WholeSettings | Mapping[str, object], sides: Collection[str] = ROLES
+    settings: WholeSettings | Mapping[str, object], sides: Collection[str] = OPPOSING_ROLES
 ) -> Iterator[tuple[str, str, str]]:
     """(setting, name, module) of every user-defined part in settings, or in their plain values.
 
@@ -71,9 +71,9 @@ def own_parts(
     for setting, value in plain.items():
         if isinstance(value, Mapping):
             prefix = f"{setting}." if setting in sides else ""
-            within = own_parts(value, tuple(value) if setting == "players" else ROLES)
+            within = own_parts(value, tuple(value) if setting == "players" else OPPOSING_ROLES)
             yield from ((prefix + name, part, module) for name, part, module in within)
-        elif setting in KINDS or setting in sides:
+        elif setting in REGISTRIES or setting in sides:
             names = value if isinstance(value, list | tuple) else [value]
             for number, name in enumerate(names):
                 module = origin_of(setting, name) if isinstance(name, str) else None
@@ -85,7 +85,7 @@ def origin_of(setting: str, name: str) -> str | None:
     """The module of the part that a setting names; None for built-in parts."""
     if setting == "game":
         name = "" if name.startswith(OPENSPIEL) else split_name(name)[0]
-    return KINDS.get(setting, POLICIES).origin(name) if name else None
+    return REGISTRIES.get(setting, POLICIES).origin(name) if name else None
 
 
 def check_parts(config: Path, plain: Plain) -> None:

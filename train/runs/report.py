@@ -12,7 +12,14 @@ from train.evaluation.score_table import score_table
 from train.evaluation.scores import AnyContest, Reference, Score, beside_of
 from train.evaluation.team_contest import describe_team
 from train.files import Plain, read_json
-from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
+from train.reports.pages import (
+    PLAYER_ELEMENT,
+    details,
+    embedded_picture,
+    pairs,
+    section,
+    write_page,
+)
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.settings.run import AgentSettings
@@ -63,7 +70,9 @@ def write_report(
         PLAYER_ELEMENT,
         *section("Scores", table.markdown()),
         *(section("Team", *describe_team(results["team"])) if "team" in results else ()),
-        *section("Learning", picture(folder / CURVE, "steps, gap and curriculum over training")),
+        *section(
+            "Learning", embedded_picture(folder / CURVE, "steps, gap and curriculum over training")
+        ),
         *section("Settings and command", *provenance_parts(folder, settings, results)),
     ]
     path = path or folder / REPORT

@@ -21,7 +21,7 @@ from train.settings.algorithms import JOINT, SHARED, TeamSettings
 from train.settings.common import with_memory
 from train.settings.curricula import curriculum_form
 from train.settings.defaults import DEFAULTS_BY, default_settings
-from train.settings.presets import SIZES, TUNED, preset_task
+from train.settings.presets import SIZE_SETTINGS, TUNED, preset_task
 from train.settings.reading import (
     check_names,
     complete_settings,
@@ -47,7 +47,7 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
     """
     flat = with_memory(plain_settings(flat))
     form = task_form(flat)
-    chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZES)}
+    chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZE_SETTINGS)}
     preset = flat.get("preset", TUNED)
     task = settings_with(form, flat, preset_task(preset, form))
     default = default_settings(task, preset=preset, **chosen)
@@ -80,7 +80,7 @@ def from_plain(plain: Plain, where: str) -> AgentSettings:
             for name, form in forms.items()
         }
         settings: AgentSettings = TrainSettings(**own, **parts)
-        player_of(settings)
+        learning_seat(settings)
     return settings
 
 
@@ -131,10 +131,10 @@ def trains_team(folder: Path | str) -> bool:
     """Whether the policy of a run was trained in all seats of a role with several agents."""
     settings, side = load_settings(folder), read_config(Path(folder))[0] == SIDE
     whole = side or entry(settings.algorithm).whole_role
-    return whole and seat_of(settings).team_size > 1
+    return whole and agent_seat(settings).team_size > 1
 
 
-def seat_of(settings: AgentSettings) -> Seat:
+def agent_seat(settings: AgentSettings) -> Seat:
     """The learning agent in the training games of a run, alone; ValueError if there is none."""
     seat = family_of(settings.task).seat(settings)
     check(
@@ -144,10 +144,10 @@ def seat_of(settings: AgentSettings) -> Seat:
     return seat
 
 
-def player_of(settings: AgentSettings) -> Seat:
+def learning_seat(settings: AgentSettings) -> Seat:
     """The learning agent in the training games of a run, or the team that learns; ValueError if
     there is none."""
-    return team_seat(seat_of(settings), settings)
+    return team_seat(agent_seat(settings), settings)
 
 
 def team_seat(seat: Any, settings: AgentSettings) -> Any:

@@ -16,7 +16,7 @@ from train.evaluation.scores import (
     BEST_RETURN,
     BY_GOALS,
     BY_RETURN,
-    UNKNOWN,
+    UNKNOWN_GAP,
     AnyContest,
     Measure,
     ObjectiveGap,
@@ -30,7 +30,7 @@ from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
 from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
-from train.teaching.teacher import COLUMNS, LOG
+from train.teaching.teacher import CURRICULUM_COLUMNS, CURRICULUM_LOG
 
 EPISODES = 500
 """Episodes of an evaluation during training."""
@@ -196,7 +196,7 @@ class SingleAgent:
     def save_beside(self, folder: Path) -> None:
         """Write `curriculum.csv`."""
         if self.teacher is not None:
-            write_csv(folder / LOG, self.teacher.rows, COLUMNS)
+            write_csv(folder / CURRICULUM_LOG, self.teacher.rows, CURRICULUM_COLUMNS)
 
     def close(self) -> None:
         """Release the resources of the learner, and end the other processes."""
@@ -216,7 +216,7 @@ def evaluation_of(
     scores: list[Score],
     evaluated: str,
     contest: AnyContest,
-    objective: ObjectiveGap = UNKNOWN,
+    objective: ObjectiveGap = UNKNOWN_GAP,
     policy: Any = None,
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`, and what `Contest.further` adds.

@@ -29,7 +29,7 @@ from train.runs.forms import RESTORE, Description
 from train.schemas import read_as
 from train.settings.mazes import titled
 from train.settings.task import TaskSettings
-from train.tensors import first_not_finite, loaded, own_defaults
+from train.tensors import first_not_finite, loaded_tensors, own_defaults
 
 
 def description_of(path: Path | str) -> Path:
@@ -159,7 +159,7 @@ def _weights_in(path: Path) -> dict[str, torch.Tensor]:
         content = io.BytesIO(_part_in(path, "policy.pth"))
     except Exception:  # zipfile can raise anything for damaged bytes
         raise ValueError(f"{path}: damaged, or not a saved model; {RESTORE}") from None
-    weights = loaded(content, path)
+    weights = loaded_tensors(content, path)
     fits = isinstance(weights, dict) and all(isinstance(w, torch.Tensor) for w in weights.values())
     check(fits, f"{path}: damaged, its weights are not tensors by name; {RESTORE}")
     where = first_not_finite(weights)

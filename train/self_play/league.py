@@ -21,10 +21,10 @@ from train.evaluation.ratings import (
     pairwise_wins,
     preference_cycle,
 )
-from train.evaluation.scores import OUTCOMES, UNTIL_CAPTURE, Measure
+from train.evaluation.scores import BY_OUTCOME, UNTIL_CAPTURE, Measure
 from train.evaluation.sides import Sides
 from train.families import family_of
-from train.families.policies import NamedPolicies, loaded
+from train.families.policies import NamedPolicies, loaded_policy
 from train.files import Plain
 from train.runs.folder import CONFIG
 from train.runs.opponents import SAVED, is_self_play
@@ -33,7 +33,7 @@ from train.runs.stable_baselines import description_of
 from train.self_play.names import entry_names
 from train.self_play.parts import game_of_all
 from train.settings.checks import evaluation_seed
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 from train.settings.task_form import default_task, with_values
 
 
@@ -72,13 +72,13 @@ class LeagueTable:
     lengths: NDArray[np.int64] | NDArray[np.float64]
     horizon: int | None = None
     measure: Measure = UNTIL_CAPTURE
-    roles: tuple[str, str] = ROLES
+    roles: tuple[str, str] = OPPOSING_ROLES
     first: NDArray[np.float64] | None = None
 
     @property
     def counts_captures(self) -> bool:
         """Whether payoffs count captures or the steps to them, so that some may never happen."""
-        return self.measure in (UNTIL_CAPTURE, OUTCOMES)
+        return self.measure in (UNTIL_CAPTURE, BY_OUTCOME)
 
     @property
     def sign(self) -> float:
@@ -167,7 +167,7 @@ def enter(
     entries = []
     for name, path in [*paths, *((name, Path(name)) for name in models)]:
         played = "greedy" if greedy else "sampled"
-        policy = loaded(policies, SAVED, path, played, task=task, **trained.get(name, {}))
+        policy = loaded_policy(policies, SAVED, path, played, task=task, **trained.get(name, {}))
         role = policies.agent_of(policy)
         check(
             role in roles,
@@ -292,9 +292,9 @@ def survival(table: LeagueTable) -> Plain:
     }
 
 
-def policies_of(role: str) -> str:
+def entries_name(role: str) -> str:
     """The name of the entries in a role, in files."""
-    return f"{role}s" if role in ROLES else f"{role}_policies"
+    return f"{role}s" if role in OPPOSING_ROLES else f"{role}_policies"
 
 
 def rate(table: LeagueTable, seed: int = 0) -> Plain:
@@ -305,11 +305,11 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
     first, second = table.roles
     if table.first is not None:
         payoffs = {first: table.first.tolist(), second: table.payoff.tolist()}
-        called = {policies_of(first): table.chasers, policies_of(second): table.evaders}
+        called = {entries_name(first): table.chasers, entries_name(second): table.evaders}
         return {**called, "payoffs": payoffs}
     content: Plain = {
-        policies_of(first): table.chasers,
-        policies_of(second): table.evaders,
+        entries_name(first): table.chasers,
+        entries_name(second): table.evaders,
         "payoff": table.shown.tolist(),
         "ci95": table.ci95.tolist(),
         "games": table.lengths.shape[2],
@@ -347,6 +347,6 @@ def rate(table: LeagueTable, seed: int = 0) -> Plain:
 def cycle_of(table: LeagueTable) -> list[str]:
     """A cycle in which each is the best response to the previous one; empty if there is none."""
     names = {"chaser": table.chasers, "evader": table.evaders}
-    called = dict(zip(ROLES, table.roles, strict=True))
+    called = dict(zip(OPPOSING_ROLES, table.roles, strict=True))
     cycle = best_response_cycle(table.payoff, table.ci95)
     return [f"{called[role]} {names[role][n]}" for role, n in cycle]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.simulator.policy import Policy
-from train.evaluation.sides import Sides, Table
+from train.evaluation.sides import PolicyTable, Sides
 from train.files import Plain
 from train.self_play.pool import Member
 from train.self_play.side import Side, usual_least
@@ -28,7 +28,7 @@ others the last policies are played."""
 
 
 def mixture_bounds(
-    game: Sides, role: str, tables: Table, shares: NDArray[np.float64]
+    game: Sides, role: str, tables: PolicyTable, shares: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Bounds of the exploitability of a mixture that draws one table per game.
 
@@ -92,7 +92,7 @@ def mixture_nash_conv(
     return lower, upper
 
 
-def nash_convs_of(
+def snapshot_nash_convs(
     sides: Mapping[str, Side], nash_conv: Callable[[dict[str, Policy]], float]
 ) -> dict[str, float]:
     """NashConv of the learned sides with their last and with their averaged weights, also without

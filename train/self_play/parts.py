@@ -15,8 +15,8 @@ from train.files import Plain
 from train.runs.forms import RESTORE
 from train.runs.opponents import policy_of
 from train.runs.parts import build_of, check_sizes
-from train.runs.saved import player_of
-from train.runs.worlds import world_of
+from train.runs.saved import learning_seat
+from train.runs.worlds import task_world_of
 from train.self_play.learners import given_sides, sides_of, unchecked_self_play
 from train.self_play.side import SideParts, usual_least
 from train.settings.algorithms import Hyperparameters, PPOSettings
@@ -75,7 +75,7 @@ class SelfPlayParts:
 def game_of_all(given: Any, discount: float = 1.0) -> Sides:
     """The game of all sides of a task; ValueError where it has none."""
     form: Any = need(family_of(given).sides)
-    world = world_of(given)
+    world = task_world_of(given)
     game: Sides = form(world, world.task, discount)
     return game
 
@@ -107,7 +107,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     sides: dict[str, SideParts] = {}
     for role in settings.learning:
         own = side_settings(settings, role)
-        seat: Any = player_of(own)
+        seat: Any = learning_seat(own)
         seat = replace(seat, min_probability=0.0)
         check_sizes(own.hyper, seat)
         algorithm = entry(own.algorithm)

@@ -25,7 +25,7 @@ from train.networks.policy import NetworkPolicy
 from train.runs.folder import MISFITS
 from train.self_play.tables import CellTables
 from train.settings.self_play import NASH_SAMPLING, SAMPLING_PARTS
-from train.tensors import State, is_whole, read_tensors, write_tensors
+from train.tensors import StateDict, is_whole, read_tensors, write_tensors
 
 LATEST = "latest"
 """The name of the current policy of the opponent, which is always a member."""
@@ -94,7 +94,7 @@ class OpponentPool:
         folder: Path,
         latest: Policy,
         capacity: int,
-        load: Callable[[State], Policy],
+        load: Callable[[StateDict], Policy],
         newest: bool = False,
     ) -> None:
         check(capacity >= 1, f"pool_size={capacity}; give at least 1")
@@ -122,7 +122,7 @@ class OpponentPool:
         place = sum(member.scripted for member in self.members)
         self.members.insert(place, Member(name, policy, True))
 
-    def add(self, name: str, state: State, rng: np.random.Generator) -> str | None:
+    def add(self, name: str, state: StateDict, rng: np.random.Generator) -> str | None:
         """Save and add a snapshot; returns the name of the dropped one, or None.
 
         A full pool with `newest` drops the oldest. Otherwise it is a reservoir (Vitter, 1985,
@@ -148,7 +148,7 @@ class OpponentPool:
         self.members.remove(old[place])
         return old[place].name
 
-    def write(self, name: str, state: State) -> None:
+    def write(self, name: str, state: StateDict) -> None:
         """Save a snapshot in the folder."""
         self.folder.mkdir(parents=True, exist_ok=True)
         write_tensors(self.folder / f"{name}.pt", state)
@@ -199,11 +199,11 @@ class OpponentPool:
             for m in self.members
         ]
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The state of the pool, without the snapshots, which are on disk."""
         return {"members": self.described(), "offered": self.offered}
 
-    def load_state_dict(self, state: State) -> None:
+    def load_state_dict(self, state: StateDict) -> None:
         """Restore the state; snapshots are loaded when they are used.
 
         Missing or damaged snapshots are left out, with a warning.

@@ -11,7 +11,14 @@ from scripted_agents.exact.limits import MAX_EXACT_WORK
 from train.evaluation.diversity import spread
 from train.files import Plain, read_json
 from train.reports.curves import draw_panels
-from train.reports.pages import PLAYER_ELEMENT, details, pairs, picture, section, write_page
+from train.reports.pages import (
+    PLAYER_ELEMENT,
+    details,
+    embedded_picture,
+    pairs,
+    section,
+    write_page,
+)
 from train.reports.tables import in_markdown
 from train.runs.folder import CONFIG, CURVE, REPLAYS, REPORT
 from train.runs.report import made_with
@@ -75,13 +82,15 @@ def write_self_play_report(
         league = snapshots_league(trainee, policies)
         payoff = path.with_name(PAYOFF)
         draw_league(payoff, league, f"{league.measure.unit}: snapshots against each other")
-        matrix = picture(payoff, "payoff matrix of snapshots")
+        matrix = embedded_picture(payoff, "payoff matrix of snapshots")
         shown += section("Snapshots against each other", matrix, cycle_in_words(league))
     parts = [
         in_markdown(f"Run {folder.name}: {who}, opponents {results['sampling']}."),
         *game.describe(results),
         PLAYER_ELEMENT,
-        *section("Evaluations over time", picture(folder / CURVE, "evaluations over time")),
+        *section(
+            "Evaluations over time", embedded_picture(folder / CURVE, "evaluations over time")
+        ),
         *shown,
         *section("Settings and command", *settings_and_command(folder, results)),
     ]

@@ -21,7 +21,7 @@ from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
 from train.self_play.pool import OpponentPool, PoolPolicy
 from train.settings.algorithms import Hyperparameters
-from train.tensors import State
+from train.tensors import StateDict
 
 if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
     from train.environments.simulator_env import SimulatorEnv
@@ -163,7 +163,7 @@ class Side:
     """
 
     def __init__(
-        self, parts: SideParts, number: int, others: Sequence[str], state: State | None = None
+        self, parts: SideParts, number: int, others: Sequence[str], state: StateDict | None = None
     ) -> None:
         self.parts = parts
         self.env, self.opponents = parts.games(number, others)
@@ -231,25 +231,25 @@ class Side:
         fresh.close()
         self.average, self.iterations = self._copied(), 0
 
-    def load(self, state: State) -> Policy:
+    def load(self, state: StateDict) -> Policy:
         """The policy of a snapshot; ValueError for weights that are not finite."""
         named = {"learner": state, "game": game_digest(self.parts.seat)}
         check_learned(self.parts.algorithm.name, named, self.parts.seat)
         return self._loaded(self.parts.seat, state)
 
-    def _loaded(self, seat: Any, state: State) -> Policy:
+    def _loaded(self, seat: Any, state: StateDict) -> Policy:
         """A policy from a state, without drawing from torch's generator, so that runs do not depend
         on when policies are loaded."""
         with torch.random.fork_rng(devices=[]):
             return self.parts.algorithm.load(self.parts.hyper, seat, state, self.greedy)
 
-    def snapshot(self, average: bool | None = None) -> State:
+    def snapshot(self, average: bool | None = None) -> StateDict:
         """The averaged or the last weights as a state for `load`, by default as in the settings."""
         chosen = self.parts.average if average is None else average
         weights = self.average if chosen else self.weights
         return {"network": {name: tensor.clone() for name, tensor in weights.items()}}
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """The state of the side with its opponents by game, without the pool."""
         return {
             "algorithm": self.parts.algorithm.name,

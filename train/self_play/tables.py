@@ -95,7 +95,7 @@ class CellTables:
         tables: list[NDArray[np.float64]] = []
         self._places = np.full(len(policies), -1)
         for number, policy in enumerate(policies):
-            rows = rows_of(policy, task)
+            rows = row_count(policy, task)
             if rows is not None and rows <= (MAX_ROWS if number else min(self.worth, MAX_ROWS)):
                 self._places[number] = len(tables)
                 if number == 0:
@@ -106,7 +106,7 @@ class CellTables:
         self.cumulative = np.stack(tables) if tables else np.empty((0, 0, 0))
 
 
-def rows_of(policy: Any, task: Rules) -> int | None:
+def row_count(policy: Any, task: Rules) -> int | None:
     """The number of rows of the table of a policy in a task; None if it has none."""
     counted = getattr(policy, "table_rows", None)  # of networks; others need not have tables
     return None if counted is None else counted(task)

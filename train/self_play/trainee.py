@@ -19,7 +19,7 @@ from train.runs.loop import BRIEF_STEPS, build_parts, build_run
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
 from train.self_play.meta_game import Payoffs
-from train.self_play.mixtures import nash_convs_of, snapshot_results
+from train.self_play.mixtures import snapshot_nash_convs, snapshot_results
 from train.self_play.parts import (
     SelfPlayParts,
     response_settings,
@@ -30,7 +30,7 @@ from train.self_play.pool import Member, OpponentPool, weights
 from train.self_play.side import Side
 from train.settings.checks import evaluation_seed
 from train.settings.self_play import NASH_SAMPLING
-from train.tensors import State
+from train.tensors import StateDict
 
 
 class SelfPlay:
@@ -61,7 +61,7 @@ class SelfPlay:
     kind: ClassVar[str] = SELF_PLAY
     evaluates_first: ClassVar[bool] = True
 
-    def __init__(self, parts: SelfPlayParts, folder: Path, state: State | None = None) -> None:
+    def __init__(self, parts: SelfPlayParts, folder: Path, state: StateDict | None = None) -> None:
         self.settings, self.game = parts.settings, parts.game
         self.parts, self.folder = parts, folder
         self.sides: dict[str, Side] = {}
@@ -257,7 +257,7 @@ class SelfPlay:
         if not self.game.compares_weights:
             return
         fixed = {role: policy for role, policy in policies.items() if role not in self.sides}
-        content["nash_conv_of"] = nash_convs_of(
+        content["nash_conv_of"] = snapshot_nash_convs(
             self.sides, lambda learned: need(self.game.nash_conv({**fixed, **learned}))
         )
 
@@ -269,7 +269,7 @@ class SelfPlay:
 
     # -- files -----------------------------------------------------------------------------------
 
-    def state_dict(self) -> State:
+    def state_dict(self) -> StateDict:
         """Both sides, the members of the pools, and the meta-game."""
         return {
             "sides": {role: side.state_dict() for role, side in self.sides.items()},
@@ -282,11 +282,11 @@ class SelfPlay:
             "mixtures": self.mixtures,
         }
 
-    def learned(self) -> State:
+    def learned(self) -> StateDict:
         """The states of the learners."""
         return {role: side.learner.state_dict() for role, side in self.sides.items()}
 
-    def _load_state_dict(self, state: State) -> None:
+    def _load_state_dict(self, state: StateDict) -> None:
         for role, side in self.sides.items():
             side.learner.load_state_dict(state["sides"][role]["learner"])
         for role, pool in self.pools.items():

@@ -29,7 +29,7 @@ def _content_of(name: str) -> Plain:
 
 
 TUNED = "tuned"
-SIZES = ("num_games", "rollout_steps", "minibatch_size")
+SIZE_SETTINGS = ("num_games", "rollout_steps", "minibatch_size")
 """The budget does not change the defaults where the user gives one of these."""
 ITERATIONS, FEWEST_GAMES = 90, 64
 """Budgets for fewer iterations lower PPO's number of games to a power of two of at least 64."""

@@ -9,14 +9,14 @@ from typing import Any, TypeGuard, TypeVar, get_args, get_type_hints
 
 import msgspec
 
-from pursuit.validation import check, did_you_mean, plain, rules_of, shortened
+from pursuit.validation import check, did_you_mean, field_rules, plain, shortened
 from train.files import Plain
 from train.schemas import WORDS
 from train.settings.common import RunSettings
 
 Form = TypeVar("Form")
 
-KINDS = {"tuple": "a list of strings", **WORDS}
+TYPE_WORDS = {"tuple": "a list of strings", **WORDS}
 """The types of settings in messages; the first match is used."""
 INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader", "players"})
 """Fields of run settings that are themselves settings."""
@@ -71,11 +71,11 @@ def typed(form: Any, given: Mapping[str, object]) -> Plain:
         kinds = (hint, *get_args(hint))
         if is_whole_float(value) and int in kinds and float not in kinds:
             value = int(value)  # 1e6
-        if not any(rule.other_types for rule in rules_of(form)[name]):
+        if not any(rule.other_types for rule in field_rules(form)[name]):
             try:
                 value = msgspec.convert(value, hint)
             except (msgspec.ValidationError, OverflowError):
-                word = next(word for kind, word in KINDS.items() if kind in str(hint))
+                word = next(word for kind, word in TYPE_WORDS.items() if kind in str(hint))
                 if callable(value):  # settings are saved, so they hold names
                     word = f"its name, 'package.module:{getattr(value, '__name__', 'Name')}'"
                 raise ValueError(f"{name}={shortened(value)}; give {word}") from None

@@ -17,10 +17,10 @@ from train.settings.common import RunSettings
 from train.settings.curricula import CurriculumSettings
 from train.settings.presets import TUNED_RULES
 from train.settings.run import AgentSettings
-from train.settings.task import AGENT, SIDES, TaskSettings
+from train.settings.task import AGENT, TaskSettings
+from train.settings.task import OPPOSING_ROLES as OPPOSING_ROLES
 from train.settings.task_form import AnyTask, TaskForm
 
-ROLES = SIDES
 LEARN = "learn"
 """The name of a side that learns, on the command line and in files."""
 MEMBERS = Rule(lambda _, names: tuple(agent_name(name) for name in names))
@@ -61,7 +61,7 @@ class LearningSide:
         )
 
 
-def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = ROLES) -> Plain:
+def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = OPPOSING_ROLES) -> Plain:
     """Settings by name, with a table chaser = {entropy_coef = 0.05} as chaser.entropy_coef."""
     flat: Plain = {}
     for name, value in given.items():
@@ -75,7 +75,11 @@ def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = ROLES) ->
 def sides_in(plain: Mapping[str, Any]) -> Mapping[str, Any]:
     """By role how it learns or its fixed policy, in the plain settings of a run of self-play."""
     players = plain.get("players")
-    return players if isinstance(players, Mapping) else {role: plain.get(role) for role in ROLES}
+    return (
+        players
+        if isinstance(players, Mapping)
+        else {role: plain.get(role) for role in OPPOSING_ROLES}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

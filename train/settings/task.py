@@ -55,7 +55,7 @@ from train.settings.task_form import FORMS, TaskForm
 
 REACHER, GAME = "reacher", "game"
 OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
-SIDES = ("chaser", "evader")
+OPPOSING_ROLES = ("chaser", "evader")
 """The roles that learn in self-play in mazes."""
 AGENT = Rule(lambda _, name: agent_name(name))
 """An agent by name; former names are replaced."""
@@ -95,7 +95,7 @@ class TaskSettings(TaskForm):
     POLICIES: ClassVar[tuple[str, ...]] = OPPONENT
     AGENTS: ClassVar[tuple[str, ...]] = AGENTS
     TASKS: ClassVar[tuple[str, ...]] = TASK_NAMES
-    sides: ClassVar[tuple[str, ...]] = SIDES
+    sides: ClassVar[tuple[str, ...]] = OPPOSING_ROLES
     IDENTITY: ClassVar[tuple[str, ...]] = ()
     ADDED: ClassVar[tuple[str, ...]] = (
         *("capture", "n_catch", "capture_check", "exits", "num_exits", "collisions", "slip"),
@@ -262,7 +262,10 @@ class TaskSettings(TaskForm):
         )
         check(not task.num_runners, f"task {task.name!r} has runners; use chase or heist")
         for role, side in sides.items():
-            for name in (side, *(name for name in members if role in SEARCHERS.get(name, SIDES))):
+            for name in (
+                side,
+                *(name for name in members if role in SEARCHERS.get(name, OPPOSING_ROLES)),
+            ):
                 if isinstance(name, str) and name in AGENTS:
                     check_agent(name, task, role)
 

@@ -20,8 +20,8 @@ from train.settings.curricula import MazeReplaySettings
 from train.teaching.plan import Plan
 
 LEVELS = "levels"
-LOG = "curriculum.csv"
-COLUMNS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high", "reason")
+CURRICULUM_LOG = "curriculum.csv"
+CURRICULUM_COLUMNS = ("frames", "episodes", "seconds", "progress", "mean", "low", "high", "reason")
 """Columns of `curriculum.csv`: the sampled values over time, with the reason of each change."""
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.observations import PLANES
-from pursuit.rendering.marks import outcome_of
+from pursuit.rendering.marks import outcome_text
 from pursuit.replays.adapters import POSITIONS, Plain, State
 from pursuit.replays.viewer.page import page
 from pursuit.rules.arrays import Array
@@ -28,7 +28,7 @@ MOST_SEEN_STEPS = 2000
 
 
 @dataclass(frozen=True)
-class Side:
+class Overlay:
     """Values and policies of one agent of a duel, shown as an overlay of the board.
 
     Attributes:
@@ -53,13 +53,13 @@ class Extras:
 
     Attributes:
         names: names of the episodes, in order; default: their labels.
-        sides: overlays of the board, for duels in one maze.
+        overlays: overlays of the board, for duels in one maze.
         seat: name of the agent with visible observations; None for no observations.
         encoding: encoding of the observations.
     """
 
     names: Sequence[str] = ()
-    sides: Sequence[Side] = ()
+    overlays: Sequence[Overlay] = ()
     seat: str | None = None
     encoding: str | None = None
 
@@ -71,7 +71,7 @@ class Builder:
     Attributes:
         items: one dict per episode; see `player.js`.
         worlds: the distinct mazes and arms.
-        overlays: one dict per `Side`; see `side_data`.
+        overlays: one dict per `Overlay`; see `overlay_data`.
         warnings: messages on episodes that differ from their recordings.
     """
 
@@ -83,7 +83,7 @@ class Builder:
     def add(self, replay: Any, extras: Extras = Extras()) -> None:
         """Add every episode of a `pursuit.replays.replay.Replay`."""
         first = len(self.overlays)
-        self.overlays += [side_data(side) for side in extras.sides]
+        self.overlays += [overlay_data(overlay) for overlay in extras.overlays]
         numbers = list(range(first, len(self.overlays)))
         for number, episode in enumerate(replay.episodes):
             played = replay.play(number)
@@ -153,7 +153,7 @@ class Builder:
             for gone, escaped in zip(item["gone"][evaders], item["escaped"][evaders], strict=True)
         ]
         taken = [gone for _, gone in item["goals"] if gone != 0]  # others are not in this game
-        item["outcome"] = outcome_of(fates, taken.count(None), len(taken))
+        item["outcome"] = outcome_text(fates, taken.count(None), len(taken))
         item["events"] = [
             [int(step), int(agent), kind]
             for kind, bit in (("collected", COLLECTED), ("captured", CAPTURED))
@@ -221,23 +221,23 @@ def maze_data(
     }
 
 
-def side_data(side: Side) -> Plain:
+def overlay_data(overlay: Overlay) -> Plain:
     """An overlay of `player.js`: values in float32, probabilities in 1/255, actions as bits."""
-    given = next(a for a in (side.values, side.learned, side.optimal) if a is not None)
-    actions = [a.shape[2] for a in (side.learned, side.optimal) if a is not None]
+    given = next(a for a in (overlay.values, overlay.learned, overlay.optimal) if a is not None)
+    actions = [a.shape[2] for a in (overlay.learned, overlay.optimal) if a is not None]
     found: Plain = {
-        "name": side.name,
-        "seat": side.seat,
-        "other": side.other,
+        "name": overlay.name,
+        "seat": overlay.seat,
+        "other": overlay.other,
         "cells": len(given),
         "actions": actions[0] if actions else 0,
     }
-    if side.values is not None:
-        found["values"] = _bytes(side.values.astype("<f4"))
-    if side.learned is not None:
-        found["learned"] = _bytes(np.round(255.0 * side.learned).astype(np.uint8))
-    if side.optimal is not None:
-        bits = (side.optimal << np.arange(side.optimal.shape[2])).sum(axis=2)
+    if overlay.values is not None:
+        found["values"] = _bytes(overlay.values.astype("<f4"))
+    if overlay.learned is not None:
+        found["learned"] = _bytes(np.round(255.0 * overlay.learned).astype(np.uint8))
+    if overlay.optimal is not None:
+        bits = (overlay.optimal << np.arange(overlay.optimal.shape[2])).sum(axis=2)
         found["optimal"] = _bytes(bits.astype("<u4"))
     return found
 

@@ -17,7 +17,7 @@ from scripted_agents.exact.duel.best_response import MoveOrder, best_response
 from scripted_agents.exact.limits import check_duel_order
 from scripted_agents.exact.tolerances import EQUAL_VALUES
 
-Outcome = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+MoveOutcomes = tuple[int, NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 """See `outcomes`."""
 
 
@@ -100,7 +100,7 @@ def q_values(
 
 
 def expected_after(
-    moves: Iterable[Outcome], later: NDArray[np.float64], num_actions: int
+    moves: Iterable[MoveOutcomes], later: NDArray[np.float64], num_actions: int
 ) -> NDArray[np.float64]:
     """[own cell, other cell, action] float64: the mean of `later` after one step; capture counts 0.
 
@@ -121,7 +121,7 @@ def outcomes(
     opponent_table: NDArray[np.float64],
     num_actions: int,
     move_order: MoveOrder,
-) -> Iterator[Outcome]:
+) -> Iterator[MoveOutcomes]:
     """The outcomes of one step of a duel, for every pair of actions.
 
     Yields:

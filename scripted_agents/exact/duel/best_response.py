@@ -24,12 +24,12 @@ from scripted_agents.agents.table_policy import checked_table
 from scripted_agents.exact.duel.pair_kernels import (
     Pairs,
     choose,
-    evaluate,
-    lay_out,
-    respond,
+    evaluate_rows,
+    lay_out_table,
+    respond_rows,
     spread_capture,
 )
-from scripted_agents.exact.duel.value_iteration import iterate
+from scripted_agents.exact.duel.value_iteration import iterate_duel
 from scripted_agents.exact.limits import MAX_DUEL_ENTRIES, check_duel_order
 
 MoveOrder = Literal["simultaneous", "chasers_first"]
@@ -163,8 +163,8 @@ def best_response(
     if horizon is None and discount == 1.0:
         _check_capture(maze, _any_move(maze, allowed), pairs, role == "evader")
     sign = -1.0 if role == "evader" else 1.0
-    sweep = partial(respond, pairs, sign, discount)
-    last_values, next_values, sweeps = iterate(sweep, shape, horizon, discount)
+    sweep = partial(respond_rows, pairs, sign, discount)
+    last_values, next_values, sweeps = iterate_duel(sweep, shape, horizon, discount)
     actions = np.empty((maze.num_cells, maze.num_cells), dtype=np.int8)
     choose(next_values, pairs, actions)
     actions = np.take_along_axis(instead, actions, axis=1)
@@ -194,11 +194,11 @@ def _open_share(
     less the values, over the cost."""
     if horizon is None or discount != 1.0:
         raise ValueError("captures are counted with a horizon and without discount")
-    sweep = partial(respond, pairs, -1.0 if role == "evader" else 1.0, discount)
+    sweep = partial(respond_rows, pairs, -1.0 if role == "evader" else 1.0, discount)
     start = np.zeros(shape)
     sweep(np.zeros(shape), start, 0, shape[0])  # 1 in all games that are not over
     start *= SMALL_COST
-    with_cost, _, _ = iterate(sweep, shape, horizon, 1.0, start)
+    with_cost, _, _ = iterate_duel(sweep, shape, horizon, 1.0, start)
     return np.clip((_by_pair(role, pairs, with_cost) - values) / SMALL_COST, 0.0, 1.0)
 
 
@@ -223,7 +223,9 @@ def evaluate_exactly(
     pairs, shape = _pairs(maze, evader, maze.neighbors, True, move_order, stays)
     if horizon is None and discount == 1.0:
         _check_capture(maze, weights, pairs, False)
-    values, _, _ = iterate(partial(evaluate, weights, pairs, discount), shape, horizon, discount)
+    values, _, _ = iterate_duel(
+        partial(evaluate_rows, weights, pairs, discount), shape, horizon, discount
+    )
     pair_values: PairValues = values.take(pairs.width + pairs.spots, axis=1).view(PairValues)
     return pair_values
 
@@ -351,7 +353,7 @@ def _lay_out(maze: Maze, table: NDArray[np.float64], turned: bool = False) -> ND
     """The table as [own cell, slot, grid]; of the own player, or of the other if `turned`."""
     spots, width, (_, room) = _grid(maze)
     laid = np.empty((maze.num_cells, maze.num_moves + 1, room - 2 * width))
-    lay_out(table, maze.neighbors, spots, turned, laid)
+    lay_out_table(table, maze.neighbors, spots, turned, laid)
     return laid
 
 

@@ -50,7 +50,7 @@ class Pairs(NamedTuple):
 
 
 @compiled
-def lay_out(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
+def lay_out_table(table: Any, neighbors: Any, spots: Any, turned: bool, laid: Any) -> None:
     """Fill `laid` with a table as `weights`, or as `chances` if `turned`; sums are scaled to 1."""
     size, still = table.shape[0], laid.shape[1] - 1
     laid[:] = 0.0
@@ -152,7 +152,7 @@ def finish(values: Any, own: int, pairs: Pairs, line: Any, target: Any, change: 
 
 
 @allocating
-def respond(
+def respond_rows(
     pairs: Pairs, step_cost: float, discount: float, values: Any, target: Any, first: int, last: int
 ) -> Any:
     """One step of backward induction (Bellman, 1957) for the own cells from `first` to `last` - 1.
@@ -176,10 +176,10 @@ def respond(
 
 
 @allocating
-def evaluate(
+def evaluate_rows(
     weights: Any, pairs: Pairs, discount: float, values: Any, target: Any, first: int, last: int
 ) -> Any:
-    """As `respond`, for an own player with the slot probabilities `weights`, at step cost 1."""
+    """As `respond_rows`, for an own player with slot probabilities `weights`, at step cost 1."""
     after = np.empty(pairs.chances.shape[1:])
     mean, change = np.empty(after.shape[1]), np.zeros(after.shape[1])
     for own in range(first, last):

@@ -17,7 +17,7 @@ from scripted_agents.exact.tolerances import (
     MAX_DUEL_SWEEPS,
     MAX_DUEL_UPDATES,
     MAX_THREADS,
-    WINDOW,
+    SWEEP_WINDOW,
 )
 
 Sweep = Callable[[NDArray[np.float64], NDArray[np.float64], int, int], float]
@@ -32,7 +32,7 @@ LARGEST_PLAIN_DISCOUNT = 0.99
 """Up to this discount no extrapolation is used, as plain sweeps converge fast."""
 
 
-def iterate(
+def iterate_duel(
     sweep: Sweep,
     shape: tuple[int, int],
     horizon: int | None,
@@ -77,10 +77,10 @@ def iterate(
             if change == 0.0:  # a fixed point: more sweeps change nothing
                 return values, target, sweeps
             changes.append(change)
-            if horizon is not None or len(changes) < WINDOW:
+            if horizon is not None or len(changes) < SWEEP_WINDOW:
                 continue
             # Further changes are approximately a geometric series.
-            rates = [after / before for before, after in pairwise(changes[-WINDOW:])]
+            rates = [after / before for before, after in pairwise(changes[-SWEEP_WINDOW:])]
             rate = max(*rates, slowest)
             largest = float(np.abs(values).max())
             rest = change * rate / (1.0 - rate) if rate < 1.0 else np.inf
@@ -90,7 +90,7 @@ def iterate(
                 or rest <= 0.1 * DUEL_TOLERANCE * max(largest, 1.0)
             ):
                 return values, target, sweeps
-            if jumps < MAX_JUMPS and len(changes) >= 4 * WINDOW and _is_steady(rates):
+            if jumps < MAX_JUMPS and len(changes) >= 4 * SWEEP_WINDOW and _is_steady(rates):
                 # Add the sum of the series. Sweeps converge from any values, so a bad extrapolation
                 # only takes time.
                 slowest = max(rates)

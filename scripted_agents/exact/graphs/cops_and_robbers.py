@@ -24,7 +24,7 @@ from scripted_agents.exact.graphs.turn_kernels import (
 )
 from scripted_agents.exact.limits import MAX_TURN_BYTES
 
-Report = Callable[[float, int], None]
+OnProgress = Callable[[float, int], None]
 
 NEVER = 65535
 """Capture time if the evader is never captured."""
@@ -58,7 +58,7 @@ def solve_in_turns(
     maze: Maze,
     num_chasers: int = 1,
     stay_action: bool = True,
-    report: Report = lambda share, num_chasers: None,
+    report: OnProgress = lambda share, num_chasers: None,
 ) -> TurnBasedSolution:
     """Solve the turn-based chase by retrograde analysis; the chasers move first.
 
@@ -132,7 +132,7 @@ def cop_number(
     maze: Maze,
     stay_action: bool = True,
     most: int = 3,
-    report: Report = lambda share, num_chasers: None,
+    report: OnProgress = lambda share, num_chasers: None,
 ) -> int | None:
     """The least number of chasers that capture any evader in turns, from starts of their choice.
 

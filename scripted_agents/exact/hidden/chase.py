@@ -21,7 +21,7 @@ from scripted_agents.exact.hidden.beliefs import BeliefAgent, BeliefFilter
 from scripted_agents.exact.hidden.game import Role, VisibilityRules, hidden_chase
 from scripted_agents.exact.hidden.kernels import choose_actions
 from scripted_agents.exact.hidden.layout import workspace_for
-from scripted_agents.exact.hidden.search import DEFAULT_MEMORY, HiddenSearch, Report
+from scripted_agents.exact.hidden.search import DEFAULT_MEMORY, HiddenSearch, OnProgress
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +92,10 @@ class HiddenChaseSolution:
 
         It uses the plans at the time of the first access.
         """
-        return POLICIES[self.role](self)
+        return AGENT_OF_ROLE[self.role](self)
 
     def improve(
-        self, seconds: float, width: float | None = None, report: Report | None = None
+        self, seconds: float, width: float | None = None, report: OnProgress | None = None
     ) -> None:
         """Continue the search, arguments as in `solve_hidden_chase`; `policy` is updated."""
         self.__dict__.pop("policy", None)
@@ -115,7 +115,7 @@ def solve_hidden_chase(
     move_order: MoveOrder = "simultaneous",
     min_start_distance: int = 1,
     memory: int = DEFAULT_MEMORY,
-    report: Report | None = None,
+    report: OnProgress | None = None,
 ) -> HiddenChaseSolution:
     """Prove an interval of the optimum of an agent with a limited view against a tabular opponent.
 
@@ -252,7 +252,7 @@ class BeliefOptimalEvader(BeliefOptimal):
     role = "evader"
 
 
-POLICIES: dict[Role, type[BeliefOptimal]] = {
+AGENT_OF_ROLE: dict[Role, type[BeliefOptimal]] = {
     "chaser": BeliefOptimalChaser,
     "evader": BeliefOptimalEvader,
 }

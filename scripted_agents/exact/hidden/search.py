@@ -55,7 +55,7 @@ STEADY = 1e-12
 
 FIRST_SWEEPS = 2000
 
-Report = Callable[[float, float, float], None]
+OnProgress = Callable[[float, float, float], None]
 """Called with the elapsed seconds and both bounds."""
 
 
@@ -197,7 +197,7 @@ class HiddenSearch:
     # -- the search ------------------------------------------------------------------------------
 
     def improve(
-        self, seconds: float, width: float | None = None, report: Report | None = None
+        self, seconds: float, width: float | None = None, report: OnProgress | None = None
     ) -> None:
         """Continue the search for so many seconds, or until `self.width` is at most `width`.
 

@@ -18,11 +18,11 @@ from scripted_agents.exact.joint.matrix_games import solve_matrix
 from scripted_agents.exact.joint.results import ChaseSolution
 from scripted_agents.exact.joint.shapley_iteration import (
     Mask,
-    Report,
+    OnProgress,
     StochasticGame,
-    game_of_task,
     silent,
-    solve_game,
+    solve_stochastic_game,
+    stochastic_game_of,
 )
 from scripted_agents.exact.joint.states import joint_states_of
 from scripted_agents.exact.joint.sweeps import Quantity
@@ -86,7 +86,7 @@ def solve_chase(
     horizon: int | None = None,
     move_order: MoveOrder = "simultaneous",
     num_chasers: int = 1,
-    report: Report = silent,
+    report: OnProgress = silent,
     allowed: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> ChaseSolution:
     """Solve the chase of one evader by a team of chasers exactly, as a zero-sum stochastic game.
@@ -170,7 +170,7 @@ def _solve(
     task: Task,
     discount: float,
     horizon: int | None,
-    report: Report,
+    report: OnProgress,
     allowed: tuple[Mask, Mask] | None = None,
 ) -> ChaseSolution:
     maze, num_chasers = task.mazes[0], task.num_chasers
@@ -178,7 +178,7 @@ def _solve(
     cells = np.stack(np.unravel_index(np.arange(maze.num_cells ** len(shape)), shape), axis=1)
     payoff = Quantity([0] * (num_chasers + 1), [1] * (num_chasers + 1))
     game, twins = team_chase_game(task, payoff, discount, report=report, allowed=allowed)
-    values, sweeps = solve_game(game, horizon)
+    values, sweeps = solve_stochastic_game(game, horizon)
     evader_policy, chaser_policy = game.strategies()
     evader_policy = evader_policy[twins]
     _rename(chaser_policy, cells, twins, task.num_actions)
@@ -214,7 +214,7 @@ def team_chase_game(
     payoff: Quantity,
     discount: float,
     symmetries: NDArray[np.int64] | None = None,
-    report: Report = silent,
+    report: OnProgress = silent,
     allowed: tuple[Mask, Mask] | None = None,
 ) -> tuple[StochasticGame, NDArray[np.int64]]:
     """The game of one evader, the row player, against a team of chasers, the column player.
@@ -227,7 +227,7 @@ def team_chase_game(
         symmetries: [n, cells], cells after each map of the maze onto itself under which the rules
             are the same; states that are equal up to these are looked at once. None for the
             identity only.
-        report, allowed: as in `game_of_task`; `allowed` for one chaser.
+        report, allowed: as in `stochastic_game_of`; `allowed` for one chaser.
 
     Returns:
         The game, and [states] int64, the state that stands for each: its values are those of all.
@@ -244,7 +244,7 @@ def team_chase_game(
             twins = np.minimum(twins, image)
     seats = (task.num_chasers, *range(task.num_chasers))
     same = None if task.num_chasers == 1 and symmetries is None else twins
-    return game_of_task(states, seats, payoff, discount, same, report, allowed), twins
+    return stochastic_game_of(states, seats, payoff, discount, same, report, allowed), twins
 
 
 def _rename(

@@ -10,7 +10,7 @@ from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import number
 from scripted_agents.exact.joint.policy import JointTable
 from scripted_agents.exact.joint.results import JointGame
-from scripted_agents.exact.joint.shapley_iteration import game_of_task, solve_infinite_horizon
+from scripted_agents.exact.joint.shapley_iteration import solve_infinite_horizon, stochastic_game_of
 from scripted_agents.exact.joint.states import joint_states_of
 from scripted_agents.exact.joint.sweeps import Quantity
 from scripted_agents.exact.limits import MAX_DISCOUNT, MAX_GAME_STATES, check_joint_states
@@ -47,7 +47,7 @@ def solve_joint_game(
     # Some 20 pairs of options a state, each with what it pays, where it leads, and its actions.
     check_joint_states(task, most_states, each=20 * 30)
     states = joint_states_of(task)
-    game = game_of_task(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
+    game = stochastic_game_of(states, (0, 1), Quantity([1, -1], [0, 0]), discount)
     values, _ = solve_infinite_horizon(game)
     policies = {
         name: JointTable(states, (seat,), table)

@@ -17,7 +17,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules import layout
-from pursuit.rules.layout import Games, Outcome, Rules, StepScratch, Teams, World, stay_of
+from pursuit.rules.layout import Games, Outcome, StepRules, StepScratch, Teams, World, stay_of
 from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import is_exit
 from pursuit.rules.step import step
@@ -155,7 +155,7 @@ def fill_numbers(
 
 
 @inlined
-def restore_game(games: Games, rules: Rules, work: Workspace, steps: Any) -> None:
+def restore_game(games: Games, rules: StepRules, work: Workspace, steps: Any) -> None:
     """The game as it was before the step."""
     for agent in layout.agents_of(rules.teams):
         games.position[0, agent] = work.cells[agent]
@@ -167,7 +167,7 @@ def restore_game(games: Games, rules: Rules, work: Workspace, steps: Any) -> Non
 
 @inlined
 def without_bumps(
-    rules: Rules, world: World, players: Players, player: int, work: Workspace, joint: int
+    rules: StepRules, world: World, players: Players, player: int, work: Workspace, joint: int
 ) -> int:
     """A player's joint action with the first of the actions that run into a wall for all these, and
     action 0 for agents that have left the game."""
@@ -189,7 +189,7 @@ def without_bumps(
 
 @subroutine
 def list_options(
-    rules: Rules, world: World, players: Players, state: int, steps: Any, work: Workspace
+    rules: StepRules, world: World, players: Players, state: int, steps: Any, work: Workspace
 ) -> None:
     """What every player may do: one that decides all that leads to different cells, of bumps the
     first; the others what they do with some chance; one that is not to move stays."""
@@ -272,7 +272,7 @@ def pick_next(work: Workspace, first: int, last: int) -> None:
 
 @inlined
 def expand(
-    games: Games, rules: Rules, world: World, plan: StepScratch, outcome: Outcome,
+    games: Games, rules: StepRules, world: World, plan: StepScratch, outcome: Outcome,
     memory: layout.Memory, numbering: Numbering, players: Players, quantities: Quantities,
     work: Workspace, store: Store, state: int, plain: bool,
 ) -> None:  # fmt: skip
@@ -351,7 +351,7 @@ def entry_for(duel: bool, plain: bool) -> Any:
         teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
         options = layout.PLAIN if plain else without_slips(layout.options_of(numbers))
         games = layout.games_of(memory)
-        rules = layout.rules_of(teams, numbers, coefficients, options)
+        rules = layout.step_rules_of(teams, numbers, coefficients, options)
         world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
         outcome, plan = layout.outcome_of(memory), layout.step_scratch_of(scratch)
         group = 0

@@ -30,7 +30,7 @@ STATES_A_REPORT = 20_000
 
 Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Report = Callable[[float], None]
+OnProgress = Callable[[float], None]
 """Called with the fraction of the work done, in [0, 1]."""
 
 
@@ -66,13 +66,13 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
     return Store(pairs, pairs, shape, following, sides, joints, *NO_SLIPS)
 
 
-def game_of_task(
+def stochastic_game_of(
     states: JointStates,
     seats: tuple[int, ...],
     payoff: Quantity,
     discount: float,
     twins: NDArray[np.int64] | None = None,
-    report: Report = silent,
+    report: OnProgress = silent,
     allowed: tuple[Mask, Mask] | None = None,
 ) -> StochasticGame:
     """The zero-sum game of all agents of a task: one is the row player, all others as one the
@@ -135,7 +135,7 @@ class StochasticGame:
         discount: float,
         step_reward: float | None = None,
         lotteries: csr_array | None = None,
-        report: Report = silent,
+        report: OnProgress = silent,
     ) -> None:
         self.store, self.count, self.discount = store, len(store.shape), discount
         self.report, self.share = report, (0.0, 0.0)
@@ -215,7 +215,7 @@ class StochasticGame:
         return rows, columns
 
 
-def solve_game(game: StochasticGame, horizon: int | None) -> tuple[Values, int]:
+def solve_stochastic_game(game: StochasticGame, horizon: int | None) -> tuple[Values, int]:
     """The values of a game, and the sweeps it took; ValueError as `solve_infinite_horizon`."""
     return solve_infinite_horizon(game) if horizon is None else solve_steps(game, horizon)
 

@@ -30,7 +30,7 @@ from scripted_agents.exact.joint.states import JointStates
 from scripted_agents.exact.joint.sweep_kernels import sweep
 from scripted_agents.exact.limits import MAX_STORE_BYTES
 from scripted_agents.exact.long_work import Solving
-from scripted_agents.exact.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, WINDOW
+from scripted_agents.exact.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, SWEEP_WINDOW
 
 SAME = 1e-14
 """Change, relative to the largest value, below which backward induction has converged."""
@@ -203,7 +203,7 @@ class Sweeper:
                 rate = np.divide(change, before[going], out=np.zeros_like(change), where=number > 1)
                 now[going] = np.maximum(now[going], rate)
                 rate, before[going] = np.maximum(past[going], now[going]), change
-                if number % WINDOW == 0:
+                if number % SWEEP_WINDOW == 0:
                     past, now = now, np.zeros_like(now)
                 done = change <= 1e-15 * scale
                 if discount < 1.0:

@@ -14,7 +14,7 @@ from scripted_agents.exact.duel.best_response import MoveOrder, best_response, m
 from scripted_agents.exact.graphs.cops_and_robbers import distinct_moves
 from scripted_agents.exact.joint.equilibrium import solve_chase
 from scripted_agents.exact.joint.results import ChaseSolution
-from scripted_agents.exact.populations.uniform import uniform_table
+from scripted_agents.exact.populations.uniform import uniform_duel_table
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def double_oracle(
     maze = load_maze(maze)
     if not number("tolerance", tolerance) > 0.0:
         raise ValueError(f"tolerance={tolerance}; give a number above 0")
-    even = uniform_table(maze, discount, stay_action)
+    even = uniform_duel_table(maze, discount, stay_action)
     rest = (None, discount, stay_action, move_order)
     chasers = [best_response("chaser", maze, even, *rest).actions]
     evaders = [best_response("evader", maze, even, *rest).actions]

@@ -12,7 +12,7 @@ from pursuit.mazes.maze import Maze, load_maze
 from pursuit.validation import whole
 from scripted_agents.exact.duel.best_response import MoveOrder, best_response, mean_over_starts
 from scripted_agents.exact.joint.equilibrium import payoff_matrix
-from scripted_agents.exact.populations.uniform import uniform_table
+from scripted_agents.exact.populations.uniform import uniform_duel_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ def fictitious_play(
         ValueError: an argument outside these limits, or as `best_response`.
     """
     maze, iterations = load_maze(maze), whole("iterations", iterations, 1)
-    chaser, evader = (uniform_table(maze, discount, stay_action) for _ in range(2))
+    chaser, evader = (uniform_duel_table(maze, discount, stay_action) for _ in range(2))
     rest = (None, discount, stay_action, move_order)
     nash_convs = np.empty(iterations)
     for number in range(1, iterations + 1):

@@ -9,7 +9,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.validation import check_bool, number
 
 
-def uniform_table(maze: Maze, discount: float, stay_action: bool) -> NDArray[np.float64]:
+def uniform_duel_table(maze: Maze, discount: float, stay_action: bool) -> NDArray[np.float64]:
     """[own cell, other cell, action] float64: uniformly random actions.
 
     Raises:

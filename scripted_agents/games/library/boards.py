@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Place = TypeVar("Place")
-Outcomes: TypeAlias = list[tuple[float, Place, tuple[float, float], bool]]
+Transitions: TypeAlias = list[tuple[float, Place, tuple[float, float], bool]]
 """Probability, next state, rewards, and whether the game has ended, of each outcome."""
 Cell: TypeAlias = tuple[int, int]
 """Row, from the north, and column, from the west; from 0."""

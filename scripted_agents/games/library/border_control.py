@@ -12,7 +12,7 @@ from scripted_agents.games.library.boards import (
     DIAGONALS,
     MOVES,
     Cell,
-    Outcomes,
+    Transitions,
     cells_of,
     moved,
     one_hot,
@@ -80,7 +80,7 @@ class BorderControl:
             return self._intruder_moves[intruder]
         return list(product(self._guard_moves[first], self._guard_moves[second]))
 
-    def transitions(self, state: Watch, actions: tuple[Pair, str]) -> Outcomes[Watch]:
+    def transitions(self, state: Watch, actions: tuple[Pair, str]) -> Transitions[Watch]:
         """All move at once."""
         (first, second), intruder = state
         target = moved(intruder, CHANGES[actions[1]])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import one_of, whole
-from scripted_agents.games.library.boards import Outcomes
+from scripted_agents.games.library.boards import Transitions
 
 ORDERS, POINTS = ("random", "descending", "ascending"), ("difference", "win")
 MOST, MOST_RANDOM = 10, 7
@@ -89,7 +89,7 @@ class Goofspiel:
         """The cards of the player's hand."""
         return state.hands[player]
 
-    def transitions(self, state: Table, actions: tuple[int, int]) -> Outcomes[Table]:
+    def transitions(self, state: Table, actions: tuple[int, int]) -> Transitions[Table]:
         """One round, and the next prize."""
         won = state.prize * ((actions[0] > actions[1]) - (actions[0] < actions[1]))
         hands = _without(state.hands[0], actions[0]), _without(state.hands[1], actions[1])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check_bool, number
-from scripted_agents.games.library.boards import Outcomes, one_hot
+from scripted_agents.games.library.boards import Transitions, one_hot
 
 ACTIONS = ("rock", "paper", "scissors")
 """Each is beaten by the next, the last by the first."""
@@ -53,7 +53,7 @@ class RockPaperScissors:
         """All three."""
         return ACTIONS
 
-    def transitions(self, state: Last, actions: tuple[str, str]) -> Outcomes[Last]:
+    def transitions(self, state: Last, actions: tuple[str, str]) -> Transitions[Last]:
         """One round."""
         first, second = map(ACTIONS.index, actions)
         ahead = (0, 1, -1)[(first - second) % 3]

@@ -9,7 +9,7 @@ from pursuit.validation import whole
 from scripted_agents.games.library.boards import (
     MOVES,
     Cell,
-    Outcomes,
+    Transitions,
     cells_of,
     moved,
     one_hot,
@@ -71,7 +71,7 @@ class Soccer:
         """All five."""
         return tuple(MOVES)
 
-    def transitions(self, state: Position, actions: tuple[str, str]) -> Outcomes[Position]:
+    def transitions(self, state: Position, actions: tuple[str, str]) -> Transitions[Position]:
         """The moves in both orders."""
         return [(0.5, *self._after(state, actions, order)) for order in ((0, 1), (1, 0))]
 

@@ -29,7 +29,7 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, MazeSeat, sees_cells_only
 from train.runs.parts import settings_of
-from train.runs.saved import player_of
+from train.runs.saved import learning_seat
 from train.settings.task import TaskSettings
 
 HIDDEN: dict[str, Any] = {
@@ -169,7 +169,7 @@ def test_settings_of_runs_store_view_settings() -> None:
         plain.task.build(),
         view_radius={"chaser": 2, "evader": 3}, line_of_sight=True, unknown_maze=("chaser",),
     )  # fmt: skip
-    assert player_of(limited).features.shape == (11, 9, 9)
+    assert learning_seat(limited).features.shape == (11, 9, 9)
     made = {fingerprint("single", each, 100, {}) for each in (plain, limited)}
     assert len(made) == 2
     assert fingerprint("single", settings_of(seconds=1, view_radius=2), 100, {}) not in made

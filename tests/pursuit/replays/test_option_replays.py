@@ -13,7 +13,7 @@ import pytest
 from pursuit import escape_v0
 from pursuit.environments.parallel import scene_of
 from pursuit.mazes.maze import Maze
-from pursuit.rendering.marks import outcome_of
+from pursuit.rendering.marks import outcome_text
 from pursuit.rendering.rendering import CAPTURED, EXIT, ROLE_COLORS, Scene
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
@@ -139,7 +139,7 @@ def test_the_outcome_counts_evaders_and_goals() -> None:
         ((), (1, 3), "1 goal left"),
         ((), (2, 3), "2 goals left"),
     ):
-        assert outcome_of(fates, *goals) == said
+        assert outcome_text(fates, *goals) == said
 
 
 def test_pages_show_exits_and_escapes() -> None:

@@ -165,8 +165,8 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
     for _ in play:
         pass
     builder = Builder()
-    sides = contest.sides(policy)
-    builder.add(recorder.stop(), Extras(sides=sides, seat="chaser_0", encoding="index"))
+    sides = contest.overlays(policy)
+    builder.add(recorder.stop(), Extras(overlays=sides, seat="chaser_0", encoding="index"))
     path = tmp_path / "sides.html"
     write_page(path, "sides", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, path)
@@ -345,7 +345,7 @@ def test_values_of_a_graph_do_not_overlap(browser: Any, tmp_path: Path, places: 
     for _ in play:
         pass
     builder = Builder()
-    builder.add(recorder.stop(), Extras(sides=contest.sides(policy)))
+    builder.add(recorder.stop(), Extras(overlays=contest.overlays(policy)))
     write_page(tmp_path / "graph.html", "graph", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, tmp_path / "graph.html")
     sheet.press("v")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from train.algorithms.prioritized import Priorities
-from train.algorithms.replay import Replay
+from train.algorithms.replay import ReplayBuffer
 
 
 def rows_of(numbers: list[int]) -> dict[str, torch.Tensor]:
@@ -39,7 +39,7 @@ def check_rows(found: dict[str, torch.Tensor], numbers: list[int]) -> None:
 def test_the_ring_is_a_list_whose_oldest_rows_are_overwritten(
     capacity: int, sizes: list[int]
 ) -> None:
-    replay = Replay(capacity, torch.Generator())
+    replay = ReplayBuffer(capacity, torch.Generator())
     expected: dict[int, int] = {}
     written = 0
     for size in sizes:
@@ -57,7 +57,7 @@ def test_uniform_draws_are_those_of_torchrls_sampler() -> None:
     from tensordict import TensorDict
     from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 
-    ours = Replay(40, torch.Generator().manual_seed(3))
+    ours = ReplayBuffer(40, torch.Generator().manual_seed(3))
     theirs: Any = TensorDictReplayBuffer(
         storage=LazyTensorStorage(40), batch_size=16, generator=torch.Generator().manual_seed(3)
     )
@@ -71,9 +71,9 @@ def test_uniform_draws_are_those_of_torchrls_sampler() -> None:
 
 @pytest.mark.parametrize("prioritized", [False, True])
 def test_a_ring_that_is_saved_goes_on_as_if_it_had_not_been(prioritized: bool) -> None:
-    def ring() -> Replay:
+    def ring() -> ReplayBuffer:
         counts = Priorities(10, 0.6) if prioritized else None
-        return Replay(10, torch.Generator().manual_seed(1), counts)
+        return ReplayBuffer(10, torch.Generator().manual_seed(1), counts)
 
     one, other = ring(), ring()
     one.extend(rows_of(list(range(13))))
@@ -117,7 +117,7 @@ def test_trees_equal_plain_lists(data: st.DataObject, capacity: int) -> None:
 
 
 def test_prioritised_draws_follow_the_priorities_and_weights_undo_them() -> None:
-    replay = Replay(6, torch.Generator().manual_seed(0), Priorities(6, 0.5))
+    replay = ReplayBuffer(6, torch.Generator().manual_seed(0), Priorities(6, 0.5))
     replay.extend(rows_of(list(range(5))))
     errors = torch.tensor([1.0, 4.0, 9.0, 16.0, 0.0])
     replay.update(torch.arange(5), errors)
@@ -134,7 +134,7 @@ def test_prioritised_draws_follow_the_priorities_and_weights_undo_them() -> None
 
 
 def test_new_rows_count_as_the_largest_error_that_was_seen() -> None:
-    replay = Replay(4, torch.Generator().manual_seed(0), Priorities(4, 1.0))
+    replay = ReplayBuffer(4, torch.Generator().manual_seed(0), Priorities(4, 1.0))
     assert replay.priorities is not None
     replay.extend(rows_of([0, 1, 2]))
     assert replay.priorities.read(3).tolist() == pytest.approx([1.0, 1.0, 1.0])

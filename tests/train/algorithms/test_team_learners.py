@@ -21,7 +21,7 @@ from train.algorithms.ppo import ppo_loss
 from train.environments.simulator_env import SimulatorEnv
 from train.evaluation.matchups import play_pair
 from train.kinds import resume, start
-from train.networks.joint_policy import JointPolicy, parts_of
+from train.networks.joint_policy import JointPolicy, member_actions
 from train.networks.policy import CRITIC, MazeSeat
 from train.networks.separate import SeparateNetworks
 from train.runs.folder import load_checkpoint
@@ -197,7 +197,7 @@ def test_agents_that_have_left_change_no_gradient(algorithm: str, sharing: str) 
 def test_joint_actions_are_the_actions_of_all_agents() -> None:
     task = make_task("chase", **TEAM)
     every = list(product(range(task.num_actions), repeat=3))
-    np.testing.assert_array_equal(parts_of(np.arange(len(every)), task, "chaser"), every)
+    np.testing.assert_array_equal(member_actions(np.arange(len(every)), task, "chaser"), every)
     made = parts("ippo", sharing="joint")
     env: Any = made.games()[0]
     twin = Simulator(task, env.num_games, made.build.seed, auto_restart=False)
@@ -206,7 +206,7 @@ def test_joint_actions_are_the_actions_of_all_agents() -> None:
     actions, others = torch.randint(64, (24,)), [None] * 3 + [made.world.opponents["evader"]] * 2
     whole = np.zeros((24, 5), dtype=np.int32)
     twin.act(others, whole)
-    whole[:, :3] = parts_of(actions.numpy(), task, "chaser")
+    whole[:, :3] = member_actions(actions.numpy(), task, "chaser")
     twin.step(whole)
     after = env.step_tensors(actions)[0]
     mean = twin.rewards[:, :3].mean(axis=1)

@@ -72,7 +72,7 @@ def test_results_claim_no_optimum_that_is_none() -> None:
     assert "certified optimum" in summary(results) and "discounted" in page
     assert "gap at most" in page and f"{100 * expected:+.2f} %" in page  # as on the terminal
     assert contest.objective_gap(0.95) == (None, None)
-    sides = [side.name for side in contest.sides(RandomAgent())]
+    sides = [side.name for side in contest.overlays(RandomAgent())]
     assert sides == ["chaser_0 with full view", "evader_0"]
 
 

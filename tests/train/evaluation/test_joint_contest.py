@@ -34,7 +34,7 @@ from train.evaluation.scores import (
     strongest_reference,
 )
 from train.evaluation.suite_contest import SuiteContest
-from train.experiments.measures import measure_of as measure_of_rows
+from train.experiments.measures import measure_of_rows as measure_of_rows
 from train.experiments.rows import read_run
 from train.runs.folder import RUN, read_metrics
 from train.runs.pictures import draw_learning_curve

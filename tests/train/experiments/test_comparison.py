@@ -15,13 +15,13 @@ from executed_here import executed_here
 
 from train.commands.main import main
 from train.experiments import executors
-from train.experiments.contestant_runs import (
-    CONTESTANT,
-    CONTESTANTS,
+from train.experiments.library_runs import (
+    COMPARED_LIBRARIES,
+    LIBRARY_RUN,
     ComparedAgent,
     hyper_of,
+    library_settings_of,
     ordinary,
-    settings_of,
 )
 from train.experiments.rows import CURVES, RUNS, curve_measures
 from train.experiments.stages import Stage, stages_of
@@ -195,7 +195,7 @@ def test_a_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time(
         assert sum((run.seconds or 0.0) + (run.frames or 0) / 5e4 for run in runs) <= 20 * 60
     file = choose_version(read_file(name, "comparison", StudyFile)[1], version)
     names = (file.grid or {})["contestant"]
-    assert {*names} == {*CONTESTANTS} or version == "short"
+    assert {*names} == {*COMPARED_LIBRARIES} or version == "short"
     assert file.tuning is not None
     for task in file.variants or ():
         held_out = mazes_of(file.tuning, file.tuning.full, task)
@@ -235,13 +235,13 @@ def started(folder: Path, name: str, frames: int = 200, **changed: Any) -> Any:
     """A run of a contestant in a new folder, of iterations of 64 frames."""
     drawn = {"num_games": 8, "rollout_steps": 8, "minibatch_size": 32, "width": 16, **changed}
     task = {"task": "maze", "maze": "3x3", "num_goals": 1}
-    settings: Any = settings_of(contestant=name, seed=3, frames=frames, **task, **drawn)
+    settings: Any = library_settings_of(contestant=name, seed=3, frames=frames, **task, **drawn)
     folder.mkdir(exist_ok=True)
-    write_config(CONTESTANT, settings, folder, Final(50))
+    write_config(LIBRARY_RUN, settings, folder, Final(50))
     return open_run(folder)
 
 
-@pytest.mark.parametrize("name", CONTESTANTS)
+@pytest.mark.parametrize("name", COMPARED_LIBRARIES)
 def test_every_contestant_learns_and_is_evaluated_equally(name: str, tmp_path: Path) -> None:
     run = started(tmp_path, name)
     # Initial policies are nearly uniform for all observations.
@@ -274,7 +274,7 @@ def test_a_comparison_resumes_where_it_was_stopped(tmp_path: Path) -> None:
     half.results(50)
     assert not is_complete(tmp_path / "half")
     half.lock.release()
-    again: Any = resume(tmp_path / "half", CONTESTANT)
+    again: Any = resume(tmp_path / "half", LIBRARY_RUN)
     again.train()
     for one, two in zip(whole.rows, again.rows, strict=True):
         for column in ("frames", "greedy", "sampled", "mean_steps"):
@@ -289,18 +289,18 @@ def test_the_marks_of_evaluations(tmp_path: Path) -> None:
 
 def test_settings_are_those_of_the_presets_and_of_the_libraries() -> None:
     eight = replace(RUNNER, num_goals=8)
-    ours = hyper_of(CONTESTANTS["ours"], eight, {})
+    ours = hyper_of(COMPARED_LIBRARIES["ours"], eight, {})
     assert ours == tuned("ppo", eight.profile()) and ours.gamma_end == pytest.approx(0.997)
-    for name, entry in CONTESTANTS.items():
+    for name, entry in COMPARED_LIBRARIES.items():
         drawn = hyper_of(entry, eight, {"gamma": 0.95})
         assert drawn.gamma == drawn.last_gamma == 0.95
         flat = {"task": "chase", "maze": "9x9", "num_games": 64, "clip": 0.3}
-        run: Any = ordinary(settings_of(contestant=name, frames=9, **flat))
+        run: Any = ordinary(library_settings_of(contestant=name, frames=9, **flat))
         assert run.hyper.clip == 0.3 and run.hyper.minibatch_size <= 64 * run.hyper.rollout_steps
         assert run.observation == ("index" if "ours" in name else "one_hot")
         assert run.curriculum == ("start-distance" if name == "ours" else "none")
     with pytest.raises(ValueError, match="'a2c' has no setting clip, epochs, minibatch_size"):
-        settings_of(contestant="a2c", task="chase", maze="3x3", frames=9)
+        library_settings_of(contestant="a2c", task="chase", maze="3x3", frames=9)
 
 
 # -- a library of one's own ------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from train.experiments.recorded import record
 from train.experiments.runs import prepare
 from train.experiments.search import draw_samples
 from train.experiments.study import StudyFile, choose_version, read_file, shipped
-from train.experiments.tuning import LEAST, Search, search_of
+from train.experiments.tuning import LEAST, TuningSearch, tuning_search_of
 
 FILE = """
 title = "Halves"
@@ -45,13 +45,13 @@ magnet_coef = { low = 0.01, high = 0.5, scale = "log" }
 """
 
 
-def halving(folder: Path, text: str = FILE) -> Search:
+def halving(folder: Path, text: str = FILE) -> TuningSearch:
     path = folder / "halves.toml"
     path.write_text(text)
     content = read_file(str(path), "ablation", StudyFile)[1]
     assert content.tuning is not None
     file = choose_version(content, None)
-    return search_of(content.tuning, None, folder / "tuning", file, folder / "tuning.csv")
+    return tuning_search_of(content.tuning, None, folder / "tuning", file, folder / "tuning.csv")
 
 
 def conv(variant: str, trial: int, game: str, rung: int) -> float:
@@ -141,7 +141,7 @@ def test_trials_have_the_task_of_the_study_and_the_curriculum_of_their_variant(n
     if file.tuning is None:
         assert name == "mazes"
         return
-    trials = search_of(file.tuning, "full", Path("nowhere"), file).study(0).runs
+    trials = tuning_search_of(file.tuning, "full", Path("nowhere"), file).study(0).runs
     judged = {run.label["variant"]: run for run in load_study(name, "ablation", "full").runs}
     for run in trials:
         other = judged[run.label["variant"]]
@@ -189,4 +189,4 @@ def test_a_game_of_the_study_is_not_searched_wherever_it_stands(
             {**tables, "control": "a", "tuning": {**tuning, "games": games}}, StudyFile
         )
         with pytest.raises(ValueError, match="are those of the study" if refused else "nim"):
-            search_of(found.tuning, None, Path("nowhere"), found)
+            tuning_search_of(found.tuning, None, Path("nowhere"), found)

@@ -11,7 +11,7 @@ from executed_here import executed_here
 
 from train.commands.main import main
 from train.experiments import figures
-from train.experiments.measures import measure_of
+from train.experiments.measures import measure_of_rows
 from train.experiments.rows import read_study
 from train.experiments.summary import sweep_table
 
@@ -46,7 +46,7 @@ def test_references_of_a_study_are_in_its_measure(column: str, role: str, tmp_pa
     with executed_here():
         main(["sweep", str(path), "--out", str(out), "--workers", "1"])
     study = read_study(out)
-    measure = measure_of(study.rows)
+    measure = measure_of_rows(study.rows)
     assert measure.column == column
     (line,) = sweep_table(study.rows, study.x).rows
     runs: list[dict[str, Any]] = [

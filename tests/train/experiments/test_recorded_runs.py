@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from train.commands.main import main
 from train.experiments import executors
-from train.experiments.recorded import TEXTS, read_recorded, record, typed
+from train.experiments.recorded import TEXTS, read_recorded, record, typed_column
 from train.experiments.stages import stages_of
 from train.files import read_json
 
@@ -130,7 +130,7 @@ def test_values_are_read_as_they_were(rows: list[dict[str, Any]]) -> None:
     for name in VALUES:
         values = [row[name] for row in rows]
         text = ["" if value is None else str(value) for value in values]
-        read = typed(name, text)
+        read = typed_column(name, text)
         assert read == values or (name == "number" and read == [*values])
         assert name not in TEXTS or all(isinstance(value, str) for value in read)
 

@@ -48,7 +48,7 @@ from train.experiments.rows import StudyRows, curve_measures
 from train.experiments.stages import carry_out
 from train.experiments.statistics import permutation_p
 from train.experiments.study import PARTS, Claim, Layout, StudyFile, read_file
-from train.experiments.tuning import last_trials, search_of
+from train.experiments.tuning import last_trials, tuning_search_of
 from train.files import read_json
 
 Row = dict[str, Any]
@@ -345,7 +345,7 @@ def test_settings_that_were_found_go_to_their_algorithm_alone() -> None:
 def test_every_algorithm_has_the_same_search_budget(tmp_path: Path) -> None:
     plan = load_replication()
     assert plan.tuning is not None
-    search = search_of(plan.tuning, "short", tmp_path)
+    search = tuning_search_of(plan.tuning, "short", tmp_path)
     trials = search.study(0).runs
     count = {name: 0 for name in plan.tuning.space}
     for run in trials:

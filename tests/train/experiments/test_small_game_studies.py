@@ -13,9 +13,9 @@ import pytest
 from scipy.stats import ttest_rel
 
 from pursuit.plugins import _allowed, _named, allow
-from train.experiments.contestant_runs import settings_of
 from train.experiments.executors import perform
 from train.experiments.expansion import load_study
+from train.experiments.library_runs import library_settings_of
 from train.experiments.report import report_on
 from train.experiments.rows import StudyRows, read_study
 from train.experiments.runs import Study, prepare
@@ -182,7 +182,7 @@ def test_what_does_not_fit_is_refused(games: Path, old: str, new: str, message: 
 
 def test_libraries_are_not_compared_in_games() -> None:
     with pytest.raises(ValueError, match="libraries are compared in mazes"):
-        settings_of(contestant="ours", game="soccer", frames=1000)
+        library_settings_of(contestant="ours", game="soccer", frames=1000)
 
 
 # -- rows and reports ------------------------------------------------------------------------------

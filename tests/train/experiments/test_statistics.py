@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.stats import mannwhitneyu
 
-from train.experiments.measures import interval_of, measure_of
+from train.experiments.measures import interval_of, measure_of_rows
 from train.experiments.statistics import (
     difference_interval,
     distance_interval,
@@ -80,8 +80,8 @@ def test_the_interval_of_a_distance_has_one_sign_and_the_same_coverage(sign: flo
 
 def test_the_interval_of_returns_goes_beyond_0() -> None:
     values = [-4.0, -1.0, 0.5]
-    returns = measure_of([{"objective": "mean_return", "unit": "return"}])
-    goals = measure_of([{"objective": "mean_goals", "unit": "goals"}])
+    returns = measure_of_rows([{"objective": "mean_return", "unit": "return"}])
+    goals = measure_of_rows([{"objective": "mean_goals", "unit": "goals"}])
     assert interval_of(returns, values) == mean_interval([values])
     assert interval_of(returns, values)[1] > 0.0
     assert interval_of(goals, [0.1, 0.2, 1.5])[0] == 0.0

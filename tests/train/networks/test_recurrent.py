@@ -21,7 +21,7 @@ from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import LossCoefficients
 from train.networks.layers import Hidden
 from train.networks.policy import MazeSeat
-from train.networks.recurrent import Cell
+from train.networks.recurrent import RecurrentCell
 from train.networks.recurrent_policy import RecurrentPolicy
 from train.runs.parts import settings_of
 from train.settings.algorithms import PPOSettings
@@ -48,7 +48,7 @@ def make_network(env: Any, shared: bool = True) -> ActorCritic:
 
 def test_a_cell_along_sequences_equals_its_steps_and_so_do_its_gradients() -> None:
     torch.manual_seed(1)
-    cell = Cell(7).double()
+    cell = RecurrentCell(7).double()
     for weight in cell.parameters():
         weight.data.normal_(std=0.5)
     inputs = torch.randn(6, 9, 7, dtype=torch.double, requires_grad=True)

@@ -17,7 +17,7 @@ from scripted_agents import solve_chase
 from train.commands.main import main
 from train.commands.solve import draw_solution
 from train.reports.curves import Level, Panel, Series, draw_panels
-from train.reports.figures import Estimate, draw_intervals, draw_matrix, round_numbers
+from train.reports.figures import PlottedEstimate, draw_intervals, draw_matrix, round_numbers
 
 NAMES = ("cost$", "$x_1$", "a$b_$c", r"$\frac{$", "_hidden", r"50%_of {x}^c\d", "#1&<>")
 
@@ -43,7 +43,7 @@ def test_names_are_drawn_as_they_are(name: str, tmp_path: Path) -> None:
     panel = Panel(
         [Series(curves, name), Series(curves, "other")], name, name, "gap", [Level(1.0, name)]
     )
-    estimates = [Estimate(name, 1.0, 0.5, 2.0, (1.0,), group=group) for group in (name, "b")]
+    estimates = [PlottedEstimate(name, 1.0, 0.5, 2.0, (1.0,), group=group) for group in (name, "b")]
     for beside in (True, False):
         draw_panels(tmp_path / "curves.png", [[panel]], "frames", name, beside=beside)
         assert texts(tmp_path / "curves.svg").count(name) == (4 if beside else 5)

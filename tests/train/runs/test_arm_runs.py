@@ -13,14 +13,14 @@ from scripted_agents import InverseKinematics, LeastStepsPolicy, least_steps
 from train.evaluation.arm_contest import ArmContest, bounds_of
 from train.evaluation.scores import optimality_gap
 from train.experiments.expansion import load_study
-from train.families.maze_policies import POLICIES
-from train.families.policies import loaded
+from train.families.maze_policies import MAZE_POLICIES
+from train.families.policies import loaded_policy
 from train.kinds import open_run, start
 from train.runs.folder import RUN
 from train.runs.opponents import SAVED, load_policy
 from train.runs.parts import contest_of, parts_of, settings_of
 from train.runs.saved import load_settings
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.settings.algorithms import TD3Settings
 from train.settings.curricula import curriculum_form
 from train.settings.run import TrainSettings
@@ -66,7 +66,7 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     actions = load_policy(trained).act(ReacherSimulator(settings.build(), 5).view())
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
     with pytest.raises(ValueError, match="give a run of this game"):
-        loaded(POLICIES, SAVED, trained)
+        loaded_policy(MAZE_POLICIES, SAVED, trained)
 
 
 def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:
@@ -96,7 +96,7 @@ def test_bad_input_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 def test_invalid_curricula_are_refused() -> None:
     arm = ReacherSettings(joints=1)
     with pytest.warns(UserWarning, match="curriculum 'hold' goes from 1 to 1, so it has no effect"):
-        plan_curriculum("hold", curriculum_form("hold")(), world_of(arm).context, 0)
+        plan_curriculum("hold", curriculum_form("hold")(), task_world_of(arm).context, 0)
     hyper = TD3Settings(learning_starts=500)
     with pytest.warns(UserWarning, match="frames=400 with learning_starts=500"):
         parts_of(TrainSettings(arm, hyper, algorithm="td3", frames=400))

@@ -15,7 +15,7 @@ import torch
 from pursuit import make_task
 from train.networks.policy import NetworkPolicy
 from train.runs.stable_baselines import load_stable_baselines
-from train.tensors import loaded, read_tensors, write_tensors
+from train.tensors import loaded_tensors, read_tensors, write_tensors
 
 BIG = 64 * 2**20
 """Bytes that a part of a zip decompresses to."""
@@ -116,5 +116,6 @@ def test_a_compressed_file_of_tensors_is_refused(tmp_path: Path) -> None:
             archive.writestr(part.filename, plain.read(part))
     for content in (file.getvalue(), lying(file.getvalue())):
         in_little_memory(
-            lambda content=content: loaded(io.BytesIO(content), tmp_path / "a.pt"), "a.pt: damaged"
+            lambda content=content: loaded_tensors(io.BytesIO(content), tmp_path / "a.pt"),
+            "a.pt: damaged",
         )

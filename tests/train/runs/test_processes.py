@@ -25,7 +25,7 @@ from train.algorithms.rollouts import select
 from train.experiments.identity import fingerprint
 from train.kinds import open_run, start
 from train.networks.fused_actor_critic import LossCoefficients
-from train.runs.data_parallel import ProcessEnded, digest_of
+from train.runs.data_parallel import ProcessEnded, weights_digest
 from train.runs.folder import CHECKPOINT, RUN, load_checkpoint, save_checkpoint
 from train.runs.interruption import Diverged
 from train.runs.loop import Run
@@ -123,7 +123,7 @@ def test_all_processes_have_the_same_weights_after_every_iteration(tmp_path: Pat
         for number in range(2):
             trainee.replicas.send(None, number)
         others = [trainee.replicas.receive(number)[1] for number in range(2)]
-        digests.append({digest_of(trainee.learner), *others})
+        digests.append({weights_digest(trainee.learner), *others})
 
     run.train(compare)
     assert len(digests) > 4 and all(len(equal) == 1 for equal in digests)

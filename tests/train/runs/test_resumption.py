@@ -31,7 +31,7 @@ from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 from train.settings.self_play import (
     NASH_SAMPLING,
-    ROLES,
+    OPPOSING_ROLES,
     SAMPLING,
     LearningSide,
     SelfPlaySettings,
@@ -278,7 +278,7 @@ PPO = replace(self_play_ppo(), num_games=24, rollout_steps=3, minibatch_size=64,
 def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings:
     """Settings of a short self-play with more snapshots than most pools keep."""
     game = {"maze": "3x3", "rewards": "zero_sum", "max_steps": 12, **(task or {})}
-    sides = dict.fromkeys(ROLES, LearningSide(hyper=changes.pop("hyper", PPO)))
+    sides = dict.fromkeys(OPPOSING_ROLES, LearningSide(hyper=changes.pop("hyper", PPO)))
     given = {
         **sides,
         "frames": 2 * FRAMES,
@@ -317,7 +317,7 @@ def test_a_self_play_killed_before_its_first_iteration_resumes(
 @pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if name not in SINGLE])
 def test_every_learner_of_self_play_resumes(algorithm: str, tmp_path: Path) -> None:
     side = LearningSide(algorithm, entry(algorithm).settings(**smallest(algorithm)))
-    roles: Any = dict.fromkeys(ROLES, side)
+    roles: Any = dict.fromkeys(OPPOSING_ROLES, side)
     check_resumption(SELF_PLAY, both(**roles, sampling="uniform"), tmp_path)
 
 

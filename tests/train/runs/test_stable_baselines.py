@@ -19,8 +19,8 @@ from scripted_agents import NearestGoalRunner, RandomAgent
 from scripted_agents.environments import make_vector_env
 from train.commands.evaluate import evaluate
 from train.commands.league import league
-from train.families.maze_policies import POLICIES
-from train.families.policies import loaded
+from train.families.maze_policies import MAZE_POLICIES
+from train.families.policies import loaded_policy
 from train.kinds import start
 from train.networks.policy import LearnedPolicy
 from train.runs.folder import RUN
@@ -31,7 +31,7 @@ from train.runs.stable_baselines import (
     load_stable_baselines,
     save_stable_baselines,
 )
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.settings.task import TaskSettings
 
 
@@ -171,7 +171,7 @@ def test_a_model_without_a_description_is_evaluated_ranked_and_an_opponent(
     chosen = settings_of(
         role="evader", maze="3x3", frames=1, opponent=ppo, opponent_observation="one_hot"
     )
-    world = world_of(chosen.task)
+    world = task_world_of(chosen.task)
     assert isinstance(world.opponents["chaser"], LearnedPolicy)
 
 
@@ -204,20 +204,20 @@ def test_models_with_their_descriptions_play_in_a_league(
 def test_damaged_and_foreign_models_are_refused(models: dict[str, Path], tmp_path: Path) -> None:
     path = tmp_path / "model.zip"
     with pytest.raises(ValueError, match="no such file"):
-        loaded(POLICIES, SAVED, path)
+        loaded_policy(MAZE_POLICIES, SAVED, path)
     path.write_bytes(models["ppo"].read_bytes())
     with pytest.raises(ValueError, match="description"):
-        loaded(POLICIES, SAVED, path)
+        loaded_policy(MAZE_POLICIES, SAVED, path)
     described = json.loads(description_of(models["ppo"]).read_text())
     description_of(path).write_text(json.dumps({**described, "observation": "cells"}))
     with pytest.raises(ValueError, match="its weights do not match observation='cells'"):
-        loaded(POLICIES, SAVED, path)
+        loaded_policy(MAZE_POLICIES, SAVED, path)
     description_of(path).write_text(json.dumps(described))
     path.write_bytes(models["ppo"].read_bytes()[:500])
     with pytest.raises(ValueError, match="damaged"):
-        loaded(POLICIES, SAVED, path)
+        loaded_policy(MAZE_POLICIES, SAVED, path)
     with pytest.raises(ValueError, match="run folder"):
-        loaded(POLICIES, SAVED, tmp_path / "model.pt")
+        loaded_policy(MAZE_POLICIES, SAVED, tmp_path / "model.pt")
     with pytest.raises(ValueError, match="no distribution"):
         load_stable_baselines(models["dqn"], greedy=False)
 

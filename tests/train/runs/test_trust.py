@@ -23,8 +23,8 @@ from pursuit.tasks.rewards import REWARDS
 from train.commands.main import main
 from train.experiments.identity import fingerprint
 from train.experiments.rows import read_run
-from train.families.maze_policies import POLICIES
-from train.families.policies import loaded
+from train.families.maze_policies import MAZE_POLICIES
+from train.families.policies import loaded_policy
 from train.files import write_json
 from train.kinds import open_run, read_settings, resume, start
 from train.runs.folder import RUN, read_config
@@ -265,7 +265,10 @@ def test_no_code_named_in_an_untrusted_file_is_run(
     write_json(
         description_of(Path("model.zip")), {"task": good["task"], "observation": "stranger:Ok"}
     )
-    for load in (load_stable_baselines, lambda path: loaded(POLICIES, SAVED, path, task=None)):
+    for load in (
+        load_stable_baselines,
+        lambda path: loaded_policy(MAZE_POLICIES, SAVED, path, task=None),
+    ):
         with pytest.raises(ValueError, match=r"names 'stranger:Ok'|model\.zip: damaged"):
             load(Path("model.zip"))
     assert not trap.exists() and "stranger" not in sys.modules

@@ -16,7 +16,7 @@ from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.self_play import trainee
 from train.self_play.side import DECAY
-from train.settings.self_play import ROLES, self_play_ppo
+from train.settings.self_play import OPPOSING_ROLES, self_play_ppo
 
 
 def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
@@ -25,7 +25,7 @@ def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
     run = make_run(tmp_path, frames=120_000, **settings)
     run.train()
     maze = run.trainee.task.mazes[0]
-    for role in ROLES:
+    for role in OPPOSING_ROLES:
         side = run.trainee.sides[role]
         raw = side.load(side.snapshot()).action_probabilities(maze)  # type: ignore[attr-defined]
         table = run.trainee.policy(role).action_probabilities(maze)
@@ -66,7 +66,7 @@ def test_defaults_leave_actions_in_a_star_graph(tmp_path: Path, star: str) -> No
     run = make_run(tmp_path / "run", task={"maze": star, "max_steps": 5}, frames=2000)
     maze = run.trainee.task.mazes[0]
     moves = run.trainee.task.num_actions
-    for role in ROLES:
+    for role in OPPOSING_ROLES:
         assert run.trainee.sides[role].parts.min_probability == pytest.approx(0.25 / moves)
         table = run.trainee.policy(role).action_probabilities(maze)
         np.testing.assert_allclose(table.sum(-1), 1.0)

@@ -10,7 +10,7 @@ import pytest
 
 from pursuit.mazes.maze import load_maze
 from scripted_agents.games import load_game, nash_conv
-from train.evaluation.exploitability import nash_conv as duel_nash_conv
+from train.evaluation.exploitability import duel_nash_conv as duel_nash_conv
 from train.kinds import start
 from train.runs.folder import SELF_PLAY
 from train.runs.opponents import policy_of

@@ -304,7 +304,7 @@ def test_an_equilibrium_that_is_not_known_is_refused_before_anything_is_loaded_o
     def too_early(*given: Any, **named: Any) -> Any:
         raise AssertionError("expensive work before the refusal")
 
-    monkeypatch.setattr("train.self_play.league.loaded", too_early)
+    monkeypatch.setattr("train.self_play.league.loaded_policy", too_early)
     with pytest.raises(ValueError, match="bytes"):
         enter([str(tmp_path / "run"), "equilibrium"], None)
     monkeypatch.setattr("train.settings.task.load_game", too_early)

@@ -23,7 +23,7 @@ from train.networks.layers import Hidden
 from train.networks.policy import LearnedPolicy, MazeSeat
 from train.self_play.meta_game import Payoffs
 from train.self_play.pool import OpponentPool, PoolPolicy, weights
-from train.settings.self_play import ROLES
+from train.settings.self_play import OPPOSING_ROLES
 
 # -- the pool --------------------------------------------------------------------------------------
 
@@ -204,7 +204,8 @@ def test_the_nash_mixture_is_the_equilibrium(
     tmp_path: Path, matrix: list[list[float]], shares: list[float]
 ) -> None:
     pools = {
-        role: OpponentPool(tmp_path / role, Always(0), 1, lambda _: Always(0)) for role in ROLES
+        role: OpponentPool(tmp_path / role, Always(0), 1, lambda _: Always(0))
+        for role in OPPOSING_ROLES
     }
     for pool in pools.values():
         for action in range(1, len(matrix)):

@@ -30,7 +30,7 @@ from train.algorithms.registry import Build, entry
 from train.commands.main import main
 from train.commands.self_play import parsed
 from train.environments.simulator_env import SimulatorEnv
-from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
+from train.evaluation.exploitability import duel_nash_conv, exploitability, team_exploitability
 from train.evaluation.games import table_in
 from train.evaluation.matchups import discounted_steps, match, play_pair
 from train.evaluation.self_play_metrics import format_row
@@ -133,7 +133,7 @@ def test_no_exploitability_is_below_zero(discount: float) -> None:
     ):
         assert found.chaser.min() >= 0.0 and found.evader.min() >= 0.0
         assert 0.0 <= found.mean_chaser < 1e-6 and 0.0 <= found.mean_evader < 1e-6
-    assert nash_conv(maze, *tables, discount=discount) >= 0.0
+    assert duel_nash_conv(maze, *tables, discount=discount) >= 0.0
     gains = joint_nash_conv(chase, pair, None, discount).gains
     assert min(gains.values()) >= 0.0 and max(gains.values()) < 1e-6
 
@@ -142,7 +142,9 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
     maze = load_maze("5x5-tree")
     solved = solve_chase(maze)
     none = exploitability(maze, solved.chaser_policy, solved.evader_policy)
-    assert nash_conv(maze, solved.chaser_policy, solved.evader_policy) == pytest.approx(0, abs=1e-6)
+    assert duel_nash_conv(maze, solved.chaser_policy, solved.evader_policy) == pytest.approx(
+        0, abs=1e-6
+    )
     assert none.nash_conv == pytest.approx(0, abs=1e-6)
     chaser = AStarChaser(0.1).action_probabilities(maze)
     evader = RandomAgent().action_probabilities(maze)
@@ -154,7 +156,7 @@ def test_exploitability_is_zero_at_the_equilibrium_and_exact_elsewhere() -> None
     )
     losses = solved.values - best_response("chaser", maze, evader, None, 0.95).values
     assert found.evader == pytest.approx(losses)
-    assert nash_conv(maze, chaser, evader) == pytest.approx(found.nash_conv)
+    assert duel_nash_conv(maze, chaser, evader) == pytest.approx(found.nash_conv)
     assert found.nash_conv == pytest.approx(gains[apart].mean() + losses[apart].mean())
     assert found.mean_evader > 1
     with pytest.raises(ValueError, match="both need the stay action, or neither"):

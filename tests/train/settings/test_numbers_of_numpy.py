@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from command_errors import error_of
 
-from pursuit.validation import rules_of
+from pursuit.validation import field_rules
 from train.commands.parse import parse
-from train.experiments.contestant_runs import ContestantSettings
-from train.experiments.contestant_runs import settings_of as contestant_settings_of
+from train.experiments.library_runs import LibraryRunSettings, library_settings_of
 from train.kinds import start
 from train.runs.folder import CONFIG, RUN, load_results
 from train.runs.parts import settings_of
@@ -66,7 +65,7 @@ def test_every_numeric_setting_takes_numbers_of_numpy(form: type[Any]) -> None:
 
 
 def test_settings_made_directly_hold_numbers_of_python() -> None:
-    rules = [name for name in rules_of(TaskSettings) if name in kinds_of(TaskSettings)]
+    rules = [name for name in field_rules(TaskSettings) if name in kinds_of(TaskSettings)]
     assert "max_steps" in rules
     made = TaskSettings(
         max_steps=np.int64(7), opponent_epsilon=np.float32(0.5), stay_action=np.True_
@@ -92,9 +91,9 @@ def test_runs_are_the_same_whatever_the_numbers(tmp_path: Path) -> None:
     )
     own = {"contestant": "ours", "task": "chase", "role": "chaser", "maze": "3x3"}
     given = [
-        contestant_settings_of(**own, **each) for each in ({"frames": np.int64(64)}, {"frames": 64})
+        library_settings_of(**own, **each) for each in ({"frames": np.int64(64)}, {"frames": 64})
     ]
-    assert given[0] == given[1] and isinstance(given[0], ContestantSettings)
+    assert given[0] == given[1] and isinstance(given[0], LibraryRunSettings)
     run = start(RUN, settings_of(**TINY, max_steps=np.int64(9), threads=np.int32(1)), tmp_path)
     run.train()
     run.results(np.int64(8))  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ import pytest
 
 from pursuit.tasks.rewards import ROLES
 from pursuit.tasks.task import TASK_NAMES
-from pursuit.validation import at_least, choice, passes, rules_of
+from pursuit.validation import at_least, choice, field_rules, passes
 from train.commands.train import _defaults
 from train.runs.parts import settings_of
 from train.runs.saved import from_plain
@@ -78,7 +78,7 @@ def test_every_number_of_a_learner_has_a_rule() -> None:
     for form in HYPERPARAMETERS.values():
         for name, value in vars(form()).items():
             if type(value) in (int, float) and name not in free:
-                assert rules_of(form)[name], (form, name)
+                assert field_rules(form)[name], (form, name)
 
 
 @pytest.mark.parametrize(

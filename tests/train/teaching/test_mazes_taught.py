@@ -15,7 +15,7 @@ from train.evaluation.suite_contest import SuiteContest
 from train.kinds import start
 from train.runs.folder import RUN
 from train.runs.parts import parts_of, settings_of
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.teaching.plan import plan_curriculum
 from train.teaching.regret import RegretScorer
 
@@ -116,7 +116,7 @@ def test_exact_scores_need_games_that_are_solved() -> None:
     ):
         RegretScorer(task, "runner", {})
     settings = settings_of(task="maze", num_goals=1, maze="5x5", frames=1000)
-    one = world_of(settings.task).context
+    one = task_world_of(settings.task).context
     settings = settings_of(**SMALL, curriculum="maze-replay").curriculum_settings
     with pytest.raises(ValueError, match="chooses among mazes, and task 'maze' has one"):
         plan_curriculum("maze-replay", settings, one, 0)

@@ -25,7 +25,7 @@ from train.runs.single import single_agent
 from train.settings.axes import AXES as AXIS_NAMES
 from train.settings.curricula import CURRICULA, CurriculumSettings
 from train.teaching.axes import AXIS_MAKERS
-from train.teaching.teacher import LOG, Teacher
+from train.teaching.teacher import CURRICULUM_LOG, Teacher
 
 QUICK = {"num_games": 64, "minibatch_size": 256, "threads": 1, "frames": 20_000}
 MAZE = {"task": "maze", "maze": "5x5", "num_goals": 3, **QUICK}
@@ -163,7 +163,7 @@ def test_every_axis_turns_what_it_says_up_to_the_task_itself(axis: str, tmp_path
     assert values[-1] == found.hardest and found.easiest != found.hardest
     assert len(set(values)) >= 3
     # What stands in the log is what was given, and the log ends at the task itself.
-    log = read_csv(tmp_path / LOG)
+    log = read_csv(tmp_path / CURRICULUM_LOG)
     assert float(log[0]["mean"]) == found.easiest
     assert float(log[-1]["mean"]) == found.hardest
     assert all(row["reason"].startswith("linear schedule at") for row in log)
@@ -353,7 +353,7 @@ def test_the_command_line_teaches(tmp_path: Path, capsys: pytest.CaptureFixture[
     told = capsys.readouterr().out
     assert "curriculum: level-replay, over levels" in told
     assert (folder / "learning_curve.png").stat().st_size > 10_000
-    assert "mean regret" in read_csv(folder / LOG)[-1]["reason"]
+    assert "mean regret" in read_csv(folder / CURRICULUM_LOG)[-1]["reason"]
     with pytest.raises(SystemExit):
         main(["train", "--curriculum", "uniform", "--help"])
     assert "--num-stages" in capsys.readouterr().out

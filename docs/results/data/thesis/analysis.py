@@ -6,7 +6,7 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-from train.experiments.claims import Decision, named
+from train.experiments.claims import Decision, cell_in_words
 from train.experiments.claims_page import decide_all
 from train.experiments.committed import grouped
 from train.experiments.recorded import read_recorded
@@ -54,7 +54,7 @@ def claims(studies: dict[str, list[Row]]) -> list[Row]:
         {
             "study": each.study.id.removeprefix("figure-"),
             "claim": each.claim.text,
-            "of": named(cell.groups[0].cell),
+            "of": cell_in_words(cell.groups[0].cell),
             "runs": measured(each.claim, cell),
             "p": p_text(cell.corrected),
             "verdict": cell.verdict,

@@ -20,7 +20,7 @@ from scripted_agents import (
     solve_joint,
     solve_joint_game,
 )
-from train.evaluation.exploitability import exploitability, nash_conv, team_exploitability
+from train.evaluation.exploitability import duel_nash_conv, exploitability, team_exploitability
 
 
 def test_of_duels_it_is_that_of_pairs_of_cells() -> None:
@@ -29,7 +29,7 @@ def test_of_duels_it_is_that_of_pairs_of_cells() -> None:
     chaser, evader = AStarChaser(0.2), AStarEvader(0.3)
     found = joint_nash_conv(task, {"chaser": chaser, "evader": evader}, None, 0.95)
     tables = (chaser.action_probabilities(maze), evader.action_probabilities(maze))
-    assert found.nash_conv == pytest.approx(nash_conv(maze, *tables), rel=1e-6)
+    assert found.nash_conv == pytest.approx(duel_nash_conv(maze, *tables), rel=1e-6)
     gains = exploitability(maze, *tables).gains
     assert [*found.gains.values()] == pytest.approx([gains["chaser"], gains["evader"]], rel=1e-6)
     game = solve_chase(maze, 0.95)

@@ -10,7 +10,7 @@ from pursuit import generate_maze
 from pursuit.mazes.maze import Maze, load_maze
 from scripted_agents import double_oracle, solve_chase, solve_matrix_game
 from scripted_agents.exact.duel.best_response import MoveOrder
-from train.evaluation.exploitability import nash_conv
+from train.evaluation.exploitability import duel_nash_conv
 
 MAZES = [
     load_maze("3x3-open"),
@@ -107,7 +107,9 @@ def test_ends_at_the_value_of_the_game(maze: Maze, order: MoveOrder) -> None:
     np.testing.assert_allclose(found.solution.values, game.values, atol=1e-6)
     tables = found.solution.chaser_policy, found.solution.evader_policy
     last = found.iterations[-1]
-    assert last.nash_conv == pytest.approx(nash_conv(maze, *tables, move_order=order), abs=1e-9)
+    assert last.nash_conv == pytest.approx(
+        duel_nash_conv(maze, *tables, move_order=order), abs=1e-9
+    )
     assert last.nash_conv <= last.largest_gain + 1e-9 and last.largest_gain <= 1e-6
     assert all(one.largest_gain > 1e-6 for one in found.iterations[:-1])
     assert len(found.chasers) == len(found.evaders) == last.policies == len(found.iterations)

@@ -15,7 +15,7 @@ from scripted_agents import (
     solve_chase,
     solve_matrix_game,
 )
-from train.evaluation.exploitability import nash_conv
+from train.evaluation.exploitability import duel_nash_conv
 
 ROCK_PAPER_SCISSORS = [[0, -1, 1], [1, 0, -1], [-1, 1, 0]]
 GAMES = [
@@ -62,7 +62,7 @@ def test_nash_conv_in_duels(name: str, iterations: int, most: float) -> None:
     tables = found.chaser_policy, found.evader_policy
     last = float(found.nash_convs[-1])
     assert told == list(enumerate(found.nash_convs, 1))
-    assert last == pytest.approx(nash_conv(maze, *tables), abs=1e-9)
+    assert last == pytest.approx(duel_nash_conv(maze, *tables), abs=1e-9)
     assert last < most and last < 0.1 * found.nash_convs[9]
     met = mean_over_starts(evaluate_exactly(maze, *tables, None, 0.95), maze)
     game = mean_over_starts(solve_chase(maze).values, maze)

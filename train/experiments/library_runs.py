@@ -1,6 +1,6 @@
 """The runs of a comparison of libraries: each learns a task on one core, by an ordinary run.
 
-The settings of a run are written in the terms of a comparison, as every contestant has the same:
+The settings of a run are written in the terms of a comparison, as every library has the same:
 `ordinary` makes those of `pursuit train` of them. What a comparison adds to the run is that greedy
 and sampled policies are evaluated, that both clocks are measured, and that imports and compilation
 count for nobody, by an iteration of a learner that is discarded.
@@ -28,12 +28,11 @@ from train.kinds import KINDS, Kind
 from train.runs.folder import load_final
 from train.runs.forms import RESTORE
 from train.runs.loop import Budget, Run, build_parts, build_run
-from train.runs.parts import Parts
-from train.runs.parts import parts_of as single_parts
+from train.runs.parts import Parts, parts_of
 from train.runs.single import SingleAgent
 from train.runs.threads import prepare_torch
 from train.runs.trainee import Clock
-from train.runs.worlds import world_of
+from train.runs.worlds import task_world_of
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS, LibraryPPOSettings, PPOSettings, hyperparameter_form
 from train.settings.checks import CLOCKS, SEED, Settings
@@ -43,17 +42,17 @@ from train.settings.reading import plain_settings
 from train.settings.run import AgentSettings, TrainSettings
 from train.settings.task import TaskSettings
 
-CONTESTANT = "contestant"
+LIBRARY_RUN = "contestant"
 """The kind of these runs."""
 OBEYED = tuple(f.name for f in fields(LibraryPPOSettings) if f.name != "recurrent")
-"""The settings that every contestant has; a search may draw these."""
+"""The settings that every library has; a search may draw these."""
 WARM_UP_SEED = 2**31
 """Seed of the discarded learner."""
 
 
 @dataclass(frozen=True)
-class Contestant:
-    """A learner in the comparison.
+class ComparedLibrary:
+    """A library in the comparison, by its learner; ours is one too.
 
     Attributes:
         title: name in reports.
@@ -66,34 +65,34 @@ class Contestant:
     curriculum: str | None = "none"
 
 
-CONTESTANTS = {
-    "ours": Contestant("ours", "ppo", None),
-    "ours, no curriculum": Contestant("ours, no curriculum", "ppo"),
-    "cleanrl": Contestant("CleanRL's loop", "cleanrl_ppo"),
-    "stable-baselines3": Contestant("Stable-Baselines3", "sb3_ppo"),
+COMPARED_LIBRARIES = {
+    "ours": ComparedLibrary("ours", "ppo", None),
+    "ours, no curriculum": ComparedLibrary("ours, no curriculum", "ppo"),
+    "cleanrl": ComparedLibrary("CleanRL's loop", "cleanrl_ppo"),
+    "stable-baselines3": ComparedLibrary("Stable-Baselines3", "sb3_ppo"),
 }
 """By their names in comparison files; others are named by their algorithm."""
 
 
-def contestant_of(name: Any) -> Contestant:
-    """A contestant by name; ValueError for an unknown one, or without the settings of `OBEYED`."""
+def library_of(name: Any) -> ComparedLibrary:
+    """A library by name; ValueError for an unknown one, or without the settings of `OBEYED`."""
     if name not in ALGORITHMS and LEARNERS.origin(str(name)) is None:
-        one_of("contestant", name, CONTESTANTS)
-    found = CONTESTANTS.get(name, Contestant(str(name), str(name)))
+        one_of("contestant", name, COMPARED_LIBRARIES)
+    found = COMPARED_LIBRARIES.get(name, ComparedLibrary(str(name), str(name)))
     missing = {*OBEYED} - {each.name for each in fields(hyperparameter_form(found.algorithm))}
     check(not missing, f"contestant {name!r} has no setting {', '.join(sorted(missing))}; add it")
     return found
 
 
 @dataclass(frozen=True)
-class ContestantSettings(Settings):
+class LibraryRunSettings(Settings):
     """The settings of a run.
 
     Attributes:
         task: the task to learn.
-        hyper: of the learner: the defaults of the contestant, overridden by the study file.
-        contestant: its name.
-        library: the package and its version.
+        hyper: of the learner: the defaults of the library, overridden by the study file.
+        contestant: the name of the library.
+        library: its package with the version.
         seed: of games, weights and sampled actions.
         seconds, frames: the budget, one of the two.
         clock: in which seconds are measured: wall, or processor (time of this process; equal on an
@@ -127,16 +126,16 @@ class ContestantSettings(Settings):
         return [even[0] / 4, even[0] / 2, *even] if number > 1 else even
 
 
-def settings_of(**flat: Any) -> ContestantSettings:
+def library_settings_of(**flat: Any) -> LibraryRunSettings:
     """Settings by name: of the run, of the task, and those of `OBEYED`; validated.
 
     Raises:
         ValueError: an unknown name, a value of a wrong type, or a task whose optimum is not known.
-        ImportError: the library of the contestant is not installed.
+        ImportError: the library is not installed.
     """
     flat = plain_settings(flat)
     flat.pop("threads", None)  # always one
-    own = {f.name for f in fields(ContestantSettings)} - {"task", "hyper", "library"}
+    own = {f.name for f in fields(LibraryRunSettings)} - {"task", "hyper", "library"}
     of_task = [f.name for f in fields(TaskSettings)]
     names = [*sorted(own), *of_task, *OBEYED]
     check(
@@ -145,7 +144,7 @@ def settings_of(**flat: Any) -> ContestantSettings:
     )
     for name in flat:
         check(name in names, unknown("setting of a contestant", name, names))
-    found = contestant_of(flat.get("contestant"))
+    found = library_of(flat.get("contestant"))
     check("maze" in flat, "a task has no maze; give one in its settings")
     task = {name: value for name, value in flat.items() if name in of_task}
     drawn = {name: value for name, value in flat.items() if name in OBEYED}
@@ -158,12 +157,12 @@ def settings_of(**flat: Any) -> ContestantSettings:
         plain["hyper"] = asdict(hyper_of(found, learned, drawn))
     except TypeError as error:  # a string instead of a number
         raise ValueError(f"{where}: a value of a wrong type ({error}); {remedy}") from None
-    return read_as(ContestantSettings, plain, where, remedy)
+    return read_as(LibraryRunSettings, plain, where, remedy)
 
 
 def check_task(task: TaskSettings) -> None:
     """ValueError if the optimum of the task is not known, or longer episodes are better."""
-    world: Any = world_of(task)
+    world: Any = task_world_of(task)
     several = f"maze={task.maze!r} is several mazes; give one of them, such as {task.maze}/0"
     check(len(world.task.mazes) == 1, several)
     contest = world.contest(2)
@@ -175,8 +174,8 @@ def check_task(task: TaskSettings) -> None:
     )
 
 
-def hyper_of(found: Contestant, task: TaskSettings, drawn: Table) -> PPOSettings:
-    """The defaults of a contestant, overridden by the drawn settings.
+def hyper_of(found: ComparedLibrary, task: TaskSettings, drawn: Table) -> PPOSettings:
+    """The defaults of a library, overridden by the drawn settings.
 
     A minibatch is at most one rollout. A drawn discount is constant.
     """
@@ -191,9 +190,9 @@ def hyper_of(found: Contestant, task: TaskSettings, drawn: Table) -> PPOSettings
     return replace(base, **values)
 
 
-def ordinary(settings: ContestantSettings) -> AgentSettings:
+def ordinary(settings: LibraryRunSettings) -> AgentSettings:
     """The settings of the same run by `pursuit train`; libraries observe one-hot vectors."""
-    found, own = contestant_of(settings.contestant), settings.hyper
+    found, own = library_of(settings.contestant), settings.hyper
     form, profile = hyperparameter_form(found.algorithm), settings.task.profile()
     how = curriculum_for(found.algorithm, profile, curriculum=found.curriculum)
     return TrainSettings(
@@ -211,21 +210,21 @@ def ordinary(settings: ContestantSettings) -> AgentSettings:
 # -- a run -----------------------------------------------------------------------------------------
 
 
-def parts_of(settings: ContestantSettings) -> tuple[ContestantSettings, Parts]:
+def library_parts(settings: LibraryRunSettings) -> tuple[LibraryRunSettings, Parts]:
     """The settings and the parts of a run; ValueError if its task cannot be compared."""
     check_task(settings.task)
-    return settings, build_parts(single_parts, ordinary(settings))
+    return settings, build_parts(parts_of, ordinary(settings))
 
 
 class ComparedAgent(SingleAgent):
-    """A contestant: greedy and sampled policies are evaluated, and both clocks are measured.
+    """The learner of a library: greedy and sampled policies are evaluated, both clocks measured.
 
     Attributes:
-        name: of the contestant.
+        name: of the library.
         spent: seconds of rollouts and updates by each clock, without compilation.
     """
 
-    kind: ClassVar[str] = CONTESTANT
+    kind: ClassVar[str] = LIBRARY_RUN
 
     def __init__(self, name: str, parts: Parts, folder: Path, state: Plain | None = None) -> None:
         self.name = name
@@ -270,13 +269,13 @@ class ComparedAgent(SingleAgent):
 
 
 def run_of(
-    given: tuple[ContestantSettings, Parts], folder: Path, state: Plain | None
+    given: tuple[LibraryRunSettings, Parts], folder: Path, state: Plain | None
 ) -> Run[ComparedAgent]:
     """The run in its folder, after an iteration and an evaluation of a learner that is discarded:
     they compile and import. It ends before the iteration that would exceed the budget."""
     settings, parts = given
     agent = partial(ComparedAgent, settings.contestant)
-    warm = agent(parts_of(replace(settings, seed=WARM_UP_SEED))[1], folder)
+    warm = agent(library_parts(replace(settings, seed=WARM_UP_SEED))[1], folder)
     budget = Budget(settings.seconds, settings.frames, 1, settings.clock, within=True)
     warm.iterate(Run(warm, folder, budget))
     warm.brief().evaluate()
@@ -285,11 +284,11 @@ def run_of(
     return build_run(agent, parts, folder, state, budget, settings.marks)
 
 
-KINDS[CONTESTANT] = Kind(
-    ContestantSettings,
-    settings_of,
-    lambda plain, where: read_as(ContestantSettings, plain, where, RESTORE),
-    parts_of,
+KINDS[LIBRARY_RUN] = Kind(
+    LibraryRunSettings,
+    library_settings_of,
+    lambda plain, where: read_as(LibraryRunSettings, plain, where, RESTORE),
+    library_parts,
     run_of,
     "pursuit compare",
     (),
