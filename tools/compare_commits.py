@@ -1,12 +1,14 @@
 """Whether two commits give the same results, bit for bit: for changes that are to change nothing.
 
-Writes what games, exact solutions and short training runs give, through the public interface and
-the command line alone, so that it runs on commits with other module paths. Six minutes of one core:
+Writes what games, exact solutions, short training runs and small studies give, through the public
+interface and the command line alone, so that it runs on commits with other module paths. Eight
+minutes of one core:
 
     PYTHONPATH=CHECKOUT python tools/compare_commits.py write FOLDER [PART ...]
     python tools/compare_commits.py compare OLD NEW [TOLERANCE]
 
-Parts are simulations, solutions and trainings; all by default.
+Parts are simulations, solutions, trainings and studies; all by default. Of studies the rows, tables
+and figures are compared, but for times; a figure by its pixels if it has no axis of seconds.
 """
 
 from __future__ import annotations
@@ -319,12 +321,108 @@ def trainings(folder):
     return out
 
 
+STUDIES = {
+    "sweep": """
+title = "A sweep"
+[settings]
+task = "maze"
+maze = "2x2"
+[grid]
+num_goals = [1, 2]
+algorithm = ["ppo", "dqn"]
+[report]
+x = "num_goals"
+""",
+    "ablate": """
+title = "An ablation"
+control = "none"
+[report]
+x = "maze"
+[settings]
+task = "chase"
+num_games = 128
+minibatch_size = 512
+rollout_steps = 16
+[grid]
+maze = ["2x2", "3x3", "3x3-tree"]
+[[variants]]
+name = "none"
+[[variants]]
+name = "epsilon"
+curriculum = "opponent-epsilon"
+[tuning]
+mazes = ["suite:5x5-validation/0"]
+short = { samples = 2, frames = 10_000, rungs = 2 }
+full = { samples = 2, frames = 10_000, rungs = 2 }
+[tuning.space.all]
+learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
+""",
+    "ablate one maze": """
+title = "An ablation in one maze"
+control = "ppo"
+[settings]
+task = "maze"
+maze = "3x3"
+[[variants]]
+name = "ppo"
+[[variants]]
+name = "a2c"
+algorithm = "a2c"
+""",
+    "compare": """
+title = "A comparison"
+kind = "contestant"
+episodes = 20
+[settings]
+num_games = 16
+rollout_steps = 16
+minibatch_size = 64
+[grid]
+contestant = ["ours", "cleanrl"]
+[[variants]]
+name = "runner"
+task = "maze"
+maze = "2x2"
+num_goals = 1
+""",
+}
+NO_RESULTS = ("second", "per_s", "commit", "machine", "version", "score")
+
+
+def studies(folder):
+    """Of the rows and tables of reports every column but times and `NO_RESULTS`."""
+    import csv
+
+    from PIL import Image
+
+    out = {}
+    for name, text in STUDIES.items():
+        path, command = folder / f"{name.replace(' ', '_')}.toml", name.split()[0]
+        versions = "[short]\nseeds = [0, 1]\nsettings = { frames = 40_000 }\n[full]\nseeds = [0]\n"
+        path.write_text(text + versions)
+        line = [sys.executable, "-c", "from train.commands.main import main; main()", command]
+        line += [str(path), "--version", "short", "--out", str(folder / path.stem)]
+        done = subprocess.run(line, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+        print(f"{name}: exit {done.returncode}", done.stderr[-600:] * bool(done.returncode))
+        out[f"study/{name}/exit"] = np.array(done.returncode)
+        for file in sorted((folder / path.stem / "report").glob("*.csv")):
+            with file.open() as opened:
+                rows = list(csv.DictReader(opened))
+            for key in rows[0]:
+                if not any(word in key for word in NO_RESULTS):
+                    out[f"study/{name}/{file.stem}/{key}"] = np.array([row[key] for row in rows])
+        for file in sorted((folder / path.stem / "report").glob("*.png")):
+            out[f"study/{name}/{file.stem}"] = np.array(Image.open(file))
+    return out
+
+
 def write(folder):
     folder.mkdir(parents=True, exist_ok=True)
     for part, make in (
         ("simulations", simulations),
         ("solutions", solutions),
         ("trainings", lambda: trainings(folder)),
+        ("studies", lambda: studies(folder)),
     ):
         if len(sys.argv) > 3 and part not in sys.argv[3:]:
             continue

@@ -9,6 +9,7 @@ import json
 import re
 import shlex
 from collections.abc import Iterator
+from importlib import import_module
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from train.commands.main import COMMANDS, main
+from train.commands.main import COMMANDS, command, main
 from train.experiments.statistics import least_p, permutation_p
 from train.reports.curves import on_one_axis
 from train.reports.figures import pyplot, save
@@ -174,7 +175,7 @@ class Parsed(Exception):
 def test_every_example_of_the_help_is_valid(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = __import__(f"train.commands.{name.replace('-', '_')}", fromlist=["parse"])
+    module = import_module(command(name).__module__)
     parse = module.parse
 
     def parsed(*arguments: Any) -> None:
