@@ -323,67 +323,33 @@ def trainings(folder):
 
 STUDIES = {
     "sweep": """
-title = "A sweep"
-[settings]
-task = "maze"
-maze = "2x2"
-[grid]
-num_goals = [1, 2]
-algorithm = ["ppo", "dqn"]
-[report]
-x = "num_goals"
+settings = { task = "maze", maze = "2x2" }
+grid = { num_goals = [1, 2], algorithm = ["ppo", "dqn"] }
+report = { x = "num_goals" }
 """,
     "ablate": """
-title = "An ablation"
 control = "none"
-[report]
-x = "maze"
-[settings]
-task = "chase"
-num_games = 128
-minibatch_size = 512
-rollout_steps = 16
-[grid]
-maze = ["2x2", "3x3", "3x3-tree"]
-[[variants]]
-name = "none"
-[[variants]]
-name = "epsilon"
-curriculum = "opponent-epsilon"
+report = { x = "maze" }
+settings = { task = "chase", num_games = 128, minibatch_size = 512, rollout_steps = 16 }
+grid = { maze = ["2x2", "3x3", "3x3-tree"] }
+variants = [{ name = "none" }, { name = "epsilon", curriculum = "opponent-epsilon" }]
 [tuning]
 mazes = ["suite:5x5-validation/0"]
 short = { samples = 2, frames = 10_000, rungs = 2 }
 full = { samples = 2, frames = 10_000, rungs = 2 }
-[tuning.space.all]
-learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
+space.all.learning_rate = { low = 1e-3, high = 1e-2, scale = "log" }
 """,
     "ablate one maze": """
-title = "An ablation in one maze"
 control = "ppo"
-[settings]
-task = "maze"
-maze = "3x3"
-[[variants]]
-name = "ppo"
-[[variants]]
-name = "a2c"
-algorithm = "a2c"
+settings = { task = "maze", maze = "3x3" }
+variants = [{ name = "ppo" }, { name = "a2c", algorithm = "a2c" }]
 """,
     "compare": """
-title = "A comparison"
 kind = "contestant"
 episodes = 20
-[settings]
-num_games = 16
-rollout_steps = 16
-minibatch_size = 64
-[grid]
-contestant = ["ours", "cleanrl"]
-[[variants]]
-name = "runner"
-task = "maze"
-maze = "2x2"
-num_goals = 1
+settings = { num_games = 16, rollout_steps = 16, minibatch_size = 64 }
+grid = { contestant = ["ours", "cleanrl"] }
+variants = [{ name = "runner", task = "maze", maze = "2x2", num_goals = 1 }]
 """,
 }
 NO_RESULTS = ("second", "per_s", "commit", "machine", "version", "score")

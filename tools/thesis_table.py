@@ -26,11 +26,8 @@ TOURS = {3: 4.97, 4: 6.91, 5: 8.99, 6: 13.6, 7: 14.07, 8: 19.91, 9: 23.42}
 
 
 def swapped_states(num_cells: int) -> int:
-    """Formula 3.2 for 3 goals with the factors of one and of two goals swapped.
-
-    The formula is the sum of C(n, i) (n - i) over i = 1, 2, 3 goals. This function uses n - 2 for
-    one goal and n - 1 for two, which gives all seven counts of the table.
-    """
+    """Formula 3.2, the sum of C(n, i) (n - i) over i = 1, 2, 3 goals, with n - 2 for one goal and
+    n - 1 for two, which gives all seven counts of the table."""
     return sum(comb(num_cells, i) * (num_cells - k) for i, k in ((1, 2), (2, 1), (3, 3)))
 
 
@@ -51,12 +48,11 @@ def tours_table(mazes: Mapping[str, str]) -> list[dict[str, str]]:
     """The exact mean tours of mazes, by size, beside those of the table."""
     rows = []
     for side, reported in TOURS.items():
-        if mazes and f"{side}x{side}" not in mazes:
-            continue
         name = f"{side}x{side}"
+        if mazes and name not in mazes:
+            continue
         exact = float(expected_tour_length(load_maze(mazes.get(name, name)), GOALS))
-        row = {"maze": name, "optimal mean tour, exact": f"{exact:.3f}"}
-        row |= {"table 3.1": f"{reported:.2f}"}
+        row = {"maze": name, "optimal mean tour, exact": f"{exact:.3f}", "table 3.1": f"{reported}"}
         rows.append(row | {"difference": f"{100 * (reported / exact - 1):+.1f} %"})
     return rows
 
