@@ -1,37 +1,23 @@
-"""Curricula: they choose the stages and levels of training. No imports of `pursuit` or torch."""
+"""Curricula: they choose the stages and levels of training. No imports of `pursuit` or torch.
 
-from curricula.levels import LevelReplay
-from curricula.pools import PoolReplay
-from curricula.protocol import Change, Curriculum, Outcomes
-from curricula.schedules import (
-    Progress,
-    Schedule,
-    constant,
-    cosine,
-    exponential,
-    linear,
-    piecewise,
-    step,
-)
-from curricula.stages import LearningProgress, Scheduled, Shuffled, SuccessGated, Uniform
+Names imported as themselves are public.
+"""
 
-__all__ = [
-    "Change",
-    "Curriculum",
-    "LearningProgress",
-    "LevelReplay",
-    "Outcomes",
-    "PoolReplay",
-    "Progress",
-    "Schedule",
-    "Scheduled",
-    "Shuffled",
-    "SuccessGated",
-    "Uniform",
-    "constant",
-    "cosine",
-    "exponential",
-    "linear",
-    "piecewise",
-    "step",
-]
+from curricula.levels import LevelReplay as LevelReplay
+from curricula.pools import PoolReplay as PoolReplay
+from curricula.protocol import Change as Change
+from curricula.protocol import Curriculum as Curriculum
+from curricula.protocol import Outcomes as Outcomes
+from curricula.schedules import Progress as Progress
+from curricula.schedules import Schedule as Schedule
+from curricula.schedules import constant as constant
+from curricula.schedules import cosine as cosine
+from curricula.schedules import exponential as exponential
+from curricula.schedules import linear as linear
+from curricula.schedules import piecewise as piecewise
+from curricula.schedules import step as step
+from curricula.stages import LearningProgress as LearningProgress
+from curricula.stages import Scheduled as Scheduled
+from curricula.stages import Shuffled as Shuffled
+from curricula.stages import SuccessGated as SuccessGated
+from curricula.stages import Uniform as Uniform

@@ -83,7 +83,8 @@ class Finder:
             return None
         other = public if name != public else f"pursuit.{name}"
         if below:  # a module is loaded under that of its names under which its package was
-            is_second = _loaded_as(name.rpartition(".")[0]) == other.rpartition(".")[0]
+            parent = _loaded_as(name.rpartition(".")[0]) or name
+            is_second = parent.startswith("pursuit.") != name.startswith("pursuit.")
         else:
             is_second = hidden_by(top) is None and (name != public or _loaded_as(other) == other)
         if is_second:

@@ -235,7 +235,7 @@ def single_agent_arguments(
     opponent_epsilon: float = 0.0,
     opponent: Policy | str | Path | None = None,
     **settings: Any,
-) -> dict[str, Any]:
+) -> tuple[Task, str, dict[str, Policy]]:
     """The task, agent and policies of a single-agent environment of the named task.
 
     Args:
@@ -250,8 +250,7 @@ def single_agent_arguments(
         **settings: those of `pursuit.Task`.
     """
     task = make_task(task_name, maze=maze, **settings)
-    policies = chosen_policies(task, agent, opponent, opponent_epsilon)
-    return {"task": task, "agent": agent, "policies": policies}
+    return task, agent, chosen_policies(task, agent, opponent, opponent_epsilon)
 
 
 def make_env(
@@ -281,12 +280,7 @@ def make_env(
     """
     arguments = single_agent_arguments(task, agent, **settings)
     return SingleAgentEnv(
-        **arguments,
-        observation=observation,
-        render_mode=render_mode,
-        mask_bumps=mask_bumps,
-        mask_in_observation=mask_in_observation,
-        observation_dtype=observation_dtype,
+        *arguments, observation, render_mode, mask_bumps, mask_in_observation, observation_dtype
     )
 
 
@@ -313,17 +307,8 @@ def make_vector_env(
     Args:
         max_episode_steps: truncates earlier than the task, as a TimeLimit; -1 for no limit.
     """
-    arguments = single_agent_arguments(task, agent, **settings)
-    envs = SingleAgentVectorEnv(
-        **arguments,
-        num_envs=num_envs,
-        observation=observation,
-        render_mode=render_mode,
-        seed=seed,
-        mask_bumps=mask_bumps,
-        autoreset_mode=autoreset_mode,
-        mask_in_observation=mask_in_observation,
-        observation_dtype=observation_dtype,
-    )
+    made, own, policies = single_agent_arguments(task, agent, **settings)
+    modes = render_mode, seed, mask_bumps, autoreset_mode, mask_in_observation, observation_dtype
+    envs = SingleAgentVectorEnv(made, own, policies, num_envs, observation, *modes)
     envs.limit_episodes(max_episode_steps)
     return envs

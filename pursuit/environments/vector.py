@@ -215,13 +215,9 @@ class GameVectorEnv(OneAgent, Vector):
         ended = terminations | truncations
         infos: Info = {}
         if ended.any():
-            infos = masked_infos(
-                {
-                    "episode_return": self._own(simulator.returns),
-                    "episode_length": simulator.steps.astype(np.int64),
-                },
-                ended,
-            )
+            lengths = simulator.steps.astype(np.int64)
+            last = {"episode_return": self._own(simulator.returns), "episode_length": lengths}
+            infos = masked_infos(last, ended)
             if self.autoreset_mode is AutoresetMode.SAME_STEP:
                 infos |= masked_infos(self._infos(), ended)
                 infos = {

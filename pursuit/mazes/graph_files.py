@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
@@ -70,32 +71,25 @@ def read_graph_text(text: str, name: str) -> GraphDrawing:
         raise ValueError(f"{name}: line 1: {most} moves; 1 to {MAX_MOVES} are possible")
     names, places, rows, starts, goals = [], [], [], [], []
     for cell, line in enumerate(lines):
+        fail = partial(fail_at_line, name, cell + 2)
         found = _LINE.fullmatch(line.strip())
         if not found or found[1] != str(cell):
-            form = f'line {cell + 2} is: {cell} "name" x y: neighbors'
-            fail_at_line(name, cell + 2, f"{shortened(line)}; {form}")
+            fail(f'{shortened(line)}; line {cell + 2} is: {cell} "name" x y: neighbors')
         try:
             places.append((float(found[3]), float(found[4])))
             names.append(json.loads(found[2]))
             row = [int(word) for word in found[6].split()]
         except ValueError:
-            fail_at_line(
-                name, cell + 2, f"{shortened(line)}; a name is in quotes, x and y are numbers"
-            )
+            fail(f"{shortened(line)}; a name is in quotes, x and y are numbers")
         if not np.isfinite(places[-1]).all():
-            fail_at_line(
-                name, cell + 2, f"the position {found[3]} {found[4]}; x and y are finite numbers"
-            )
+            fail(f"the position {found[3]} {found[4]}; x and y are finite numbers")
         if len(row) != most or any(there >= cells for there in row):
-            fail_at_line(
-                name, cell + 2, f"neighbors {shortened(row)}; give {most}, each below {cells}"
-            )
+            fail(f"neighbors {shortened(row)}; give {most}, each below {cells}")
         rows.append([*row, cell])
         starts += [cell] if found[5] == " S" else []
         goals += [cell] if found[5] == " G" else []
         if len(starts) > 1:
-            problem = f"a second start mark S, after that of line {starts[0] + 2}; keep one"
-            fail_at_line(name, cell + 2, problem)
+            fail(f"a second start mark S, after that of line {starts[0] + 2}; keep one")
     neighbors = np.array(rows, dtype=np.int32)
     check_cell_names(names, name)
     check_connected(neighbors, names, name)

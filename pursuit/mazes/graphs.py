@@ -116,13 +116,9 @@ def read_graph(
         _assign(neighbors[cell], cell, found)
     check_connected(neighbors, names, name)
     marks = [_marked(mark, number, name) for mark in goals]
-    return GraphDrawing(
-        tuple(names),
-        _rounded(places, name, decimals),
-        neighbors,
-        None if start is None else _marked(start, number, name),
-        tuple(marks),
-    )
+    rounded = _rounded(places, name, decimals)
+    begin = None if start is None else _marked(start, number, name)
+    return GraphDrawing(tuple(names), rounded, neighbors, begin, tuple(marks))
 
 
 def check_cells(cells: int, name: str) -> None:

@@ -132,13 +132,11 @@ class CustomEncoding:
         if not self.task.sight.limited:
             return self._encode(games, chosen)
         sight = self.task.sight
-        return np.concatenate(
-            [
-                self._encode(sight.observed_games(games, seat), chosen[i : i + 1])
-                for i, seat in enumerate(chosen)
-            ],
-            axis=1,
-        )
+        seen = [
+            self._encode(sight.observed_games(games, seat), chosen[i : i + 1])
+            for i, seat in enumerate(chosen)
+        ]
+        return np.concatenate(seen, axis=1)
 
     def _encode(self, games: Games, chosen: NDArray[np.intp]) -> Array:
         task = self.task

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pursuit.reacher.rules import POLICY_STREAM, Arms
 from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
-from pursuit.rules.randomness import draw_uniform
+from pursuit.rules.randomness import uniform_numbers
 
 
 class ArmArrays:
@@ -85,9 +85,7 @@ class ArmView(ArmArrays):
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), drawn from the random stream of policies."""
-        numbers = np.empty(self.num_games)
-        draw_uniform(self.streams, POLICY_STREAM, numbers)
-        return numbers
+        return uniform_numbers(self.streams, POLICY_STREAM)
 
     def normal(self) -> NDArray[np.float64]:
         """[num_games, joints] float64, standard normal (Box and Muller, 1958)."""

@@ -59,6 +59,8 @@ class ReacherTask:
         ValueError: an invalid value; the message names the rule and the remedy.
     """
 
+    name: ClassVar[str] = "reacher"
+    """The name of the task in results."""
     steps_per_round: ClassVar[int] = 1
     """As of `pursuit.Task`, where a round of turns has two."""
 
@@ -80,11 +82,6 @@ class ReacherTask:
     seat_roles: ClassVar[tuple[str, ...]] = ("arm",)
     """One agent turns all joints."""
     num_agents: ClassVar[int] = 1
-
-    @property
-    def name(self) -> str:
-        """The name of the task in results."""
-        return "reacher"
 
     def seat(self, agent: str | int) -> int:
         """0, the index of the arm; ValueError for another agent."""

@@ -68,24 +68,19 @@ class Rendered(ABC):
 class Window:
     """A window that shows scenes. After it is closed by its button, scenes are ignored.
 
-    Args:
-        title: title of the window.
-        size: as for `Scene.draw`.
-
     Raises:
         ImportError: pygame-ce is not installed.
     """
 
-    def __init__(self, title: str = "pursuit", size: int = 480) -> None:
+    def __init__(self) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             self._pygame = importlib.import_module("pygame")
         except ImportError:
             raise ImportError("a window needs pygame-ce: pip install 'pursuit[render]'") from None
         self._pygame.display.init()
-        self._pygame.display.set_caption(title)
+        self._pygame.display.set_caption("pursuit")
         self._clock = self._pygame.time.Clock()
-        self._size = size
         self.is_open = True
 
     def show(self, scene: Drawable, fps: float = 5) -> None:
@@ -93,7 +88,7 @@ class Window:
         if not self.is_open:
             return
         display = self._pygame.display
-        pixels = scene.draw(self._size).swapaxes(0, 1)
+        pixels = scene.draw().swapaxes(0, 1)
         surface = display.get_surface()
         if surface is None or surface.get_size() != pixels.shape[:2]:
             surface = display.set_mode(pixels.shape[:2])

@@ -48,6 +48,10 @@ class TaskAdapter:
             raise ValueError(f"unknown settings of a task: {', '.join(sorted(unknown))}")
         return self.task_class(**settings)
 
+    def agents(self, task: Any) -> list[str]:
+        """The names of the agents, one for each column of the rewards."""
+        return list(task.agent_names)
+
     def simulator(self, task: Any) -> Any:
         """A simulator of one game without automatic restarts."""
         return self.simulator_class(task, auto_restart=False)
@@ -111,10 +115,6 @@ class MazeAdapter(TaskAdapter):
         given |= {} if rewards is None else {"rewards": rewards}
         maze = found[0] if len(found) == 1 else tuple(found)
         return super().task(dict(maze=maze, **given))  # a TypeError if `given` has a maze, too
-
-    def agents(self, task: Task) -> list[str]:
-        """The names of the agents, one for each column of the rewards."""
-        return list(task.agent_names)
 
     def start(self, simulator: Simulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""
@@ -180,10 +180,6 @@ class ArmAdapter(TaskAdapter):
     def settings(self, task: ReacherTask) -> Plain:
         """The task as plain values."""
         return {each.name: getattr(task, each.name) for each in fields(task)}
-
-    def agents(self, task: ReacherTask) -> list[str]:
-        """The names of the agents, one for each column of the rewards."""
-        return ["arm"]
 
     def start(self, simulator: ReacherSimulator, game: int) -> Plain:
         """The start state of the episode, as plain values."""

@@ -163,14 +163,9 @@ class _Track:
 
     def episode(self, terminated: bool, truncated: bool) -> Episode:
         """The recorded episode."""
-        return Episode(
-            self.start,
-            np.stack(self.actions).astype(self.adapter.action_dtype),
-            np.stack(self.rewards),
-            terminated,
-            truncated,
-            digest_of(self.states),
-        )
+        actions = np.stack(self.actions).astype(self.adapter.action_dtype)
+        rewards, digest = np.stack(self.rewards), digest_of(self.states)
+        return Episode(self.start, actions, rewards, terminated, truncated, digest)
 
 
 INNER = ("env", "aec_env", "par_env", "envs", "venv", "games")

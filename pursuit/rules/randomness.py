@@ -120,3 +120,10 @@ def draw_uniform(streams: Words, stream: int, numbers: Reals) -> None:
     """Fill `numbers` [games] with one uniform float64 from `stream` of every game."""
     for game in range(numbers.shape[0]):
         numbers[game] = next_uniform(streams[game], stream)
+
+
+def uniform_numbers(streams: Words, stream: int) -> Reals:
+    """[games] float64 in [0, 1), the next number from `stream` of every game."""
+    numbers = np.empty(len(streams))
+    draw_uniform(streams, stream, numbers)
+    return numbers

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pursuit.rules.arrays import Array
-from pursuit.rules.randomness import draw_uniform, seed_starts, seed_streams
+from pursuit.rules.randomness import seed_starts, seed_streams, uniform_numbers
 from pursuit.simulator.next_episode import fill, game_indices
 from pursuit.simulator.state import SimulatorState, check_arrays
 from pursuit.validation import check, check_bool, checked_seed, unknown, whole, whole_numbers
@@ -272,10 +272,8 @@ class SeatView:
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
-        numbers = np.empty(self.num_games)
-        last = self.streams.shape[1] - self.task.num_agents
-        draw_uniform(self.streams, last + self.seat, numbers)
-        return numbers
+        first = self.streams.shape[1] - self.task.num_agents
+        return uniform_numbers(self.streams, first + self.seat)
 
     def select(self, games: NDArray[np.intp]) -> SeatView:
         """A view of these games, with copies of the random streams."""

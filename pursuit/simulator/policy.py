@@ -15,7 +15,7 @@ from pursuit.mazes.maze_arrays import MazeArrays
 from pursuit.rules import layout
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import Games
-from pursuit.rules.randomness import draw_uniform
+from pursuit.rules.randomness import uniform_numbers
 from pursuit.tasks.task import ROLES, Task
 from pursuit.validation import shortened
 
@@ -125,9 +125,7 @@ class GameView(GameArrays):
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the agent's own random stream, which advances."""
-        numbers = np.empty(self.num_games)
-        draw_uniform(self.streams, layout.named_views(layout.stream_of, self.seat), numbers)
-        return numbers
+        return uniform_numbers(self.streams, layout.named_views(layout.stream_of, self.seat))
 
 
 def pairs_of_cells(task: Task, maze: Maze, agent: str | int) -> Games:

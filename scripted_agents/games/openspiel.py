@@ -28,7 +28,7 @@ from scripted_agents.exact.joint.policy import drawn
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.small_game import ENDED, SmallGame
 from scripted_agents.games.solve import check_game
 from scripted_agents.games.tasks import states_of_games
 
@@ -36,8 +36,6 @@ NAME = "python_pursuit"
 PARAMETERS = {"game": "", "horizon": 1, "terminal_rewards": False}
 ARRAYS, ROWS = ("begins", "choices", "rewards", "start"), ("data", "indices", "indptr")
 """The arrays of a game, and of its `following`."""
-ENDED = -1
-"""The state after the end of a game."""
 
 
 def to_openspiel(game: SmallGame, horizon: int, terminal_rewards: bool = False) -> pyspiel.Game:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pursuit.memory import check_memory
 from pursuit.rules.arrays import Array
-from pursuit.rules.randomness import draw_uniform
-from pursuit.simulator.batch import Batch
+from pursuit.rules.randomness import uniform_numbers
+from pursuit.simulator.batch import Batch, Rules
 from pursuit.simulator.next_episode import fill_epsilon, game_indices
 from pursuit.simulator.state import SimulatorState, check_range
 from pursuit.validation import as_array, check, one_of, shortened, whole
@@ -29,7 +29,7 @@ function `observe` of the game returns."""
 
 
 @dataclass(frozen=True, eq=False)
-class GameTask:
+class GameTask(Rules):
     """An enumerated game with a time limit: what simulators, environments and training play.
 
     Attributes:
@@ -38,8 +38,6 @@ class GameTask:
         max_steps: steps after which an episode is truncated.
         observed: by seat, the arrays of "observe" so far; see `observations`.
     """
-
-    steps_per_round: ClassVar[int] = 1
 
     game: SmallGame
     name: str = "game"
@@ -55,21 +53,11 @@ class GameTask:
         """The names of the players, which are also their roles."""
         return self.game.players
 
-    @property
-    def num_agents(self) -> int:
-        """The number of players."""
-        return len(self.game.players)
-
     def seat(self, player: str | int) -> int:
         """The index of a player, by name or index; ValueError if there is none."""
         if isinstance(player, str):
             return self.game.player(player)
         return whole("player", player, 0, self.num_agents - 1)
-
-    @property
-    def seat_roles(self) -> tuple[str, ...]:
-        """The players: they have no roles."""
-        return self.agent_names
 
     def num_actions(self, player: str | int) -> int:
         """The number of different actions of a player."""
@@ -177,9 +165,7 @@ class StateView:
 
     def uniform(self) -> NDArray[np.float64]:
         """[num_games] float64 in [0, 1), from the player's own random stream, which advances."""
-        numbers = np.empty(self.num_games)
-        draw_uniform(self.streams, tables.FIRST_PLAYER_STREAM + self.seat, numbers)
-        return numbers
+        return uniform_numbers(self.streams, tables.FIRST_PLAYER_STREAM + self.seat)
 
 
 class OpponentTables(NamedTuple):

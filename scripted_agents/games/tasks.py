@@ -253,18 +253,9 @@ def _merged(game: SmallGame, names: tuple[str, str], first: int, task: Task) -> 
             choices[:, player] *= sizes[game.owners, agent]
             choices[:, player] += game.choices[:, agent]
     lead = (game.rewards[:, :first].mean(axis=1) - game.rewards[:, first:].mean(axis=1)) / 2.0
-    return SmallGame(
-        names,
-        game.states,
-        game.number,
-        actions,
-        game.begins,
-        choices,
-        np.stack([lead, -lead], axis=1),
-        game.following,
-        game.start,
-        source=StatesOfSides(task),
-    )
+    rewards, source = np.stack([lead, -lead], axis=1), StatesOfSides(task)
+    changed: Any = {"actions": actions, "choices": choices, "rewards": rewards}
+    return replace(game, players=names, task=None, source=source, **changed)
 
 
 @dataclass(frozen=True)
@@ -280,12 +271,8 @@ class StatesOfSides:
     def _parts(self, state: State) -> tuple[tuple[int, ...], tuple[int, ...], tuple[int, ...], int]:
         """The cells of the agents, the goals and the exits, and which side moves (-1: both)."""
         cells, goals, *rest = state
-        return (
-            cells,
-            goals,
-            rest[0] if self.task.most_exits else (),
-            rest[-1] if self.task.options.turns else -1,
-        )
+        exits = rest[0] if self.task.most_exits else ()
+        return cells, goals, exits, rest[-1] if self.task.options.turns else -1
 
     def observe(self, state: State, player: int) -> NDArray[np.float32]:
         """[agents * cells + ...] float32, 0 or 1: by agent its cell, the cells of goals and exits,

@@ -182,13 +182,8 @@ class BeliefChaser(BeliefAgent):
         self._q_values = Memory(self._q_values_of)
 
     def __repr__(self) -> str:
-        epsilon = f"epsilon={self.epsilon:g}" if self.epsilon else ""
-        settings = [
-            repr(self.filter.opponent),
-            repr(self.response),
-            repr(self.filter.view_tables),
-            epsilon,
-        ]
+        settings = [*map(repr, (self.filter.opponent, self.response, self.filter.view_tables))]
+        settings += [f"epsilon={self.epsilon:g}"] * (self.epsilon > 0.0)
         return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -92,7 +92,7 @@ class HiddenChaseSolution:
 
         It uses the plans at the time of the first access.
         """
-        return AGENT_OF_ROLE[self.role](self)
+        return (BeliefOptimalChaser if self.role == "chaser" else BeliefOptimalEvader)(self)
 
     def improve(
         self, seconds: float, width: float | None = None, report: OnProgress | None = None
@@ -151,20 +151,12 @@ def solve_hidden_chase(
             f"{maze.name}: {maze.num_cells} cells; give a maze of at most {MAX_TABLE_CELLS}"
         )
     table = checked_table(maze, opponent_table, "opponent_table")
-    rules = VisibilityRules(
-        role,
-        view_radius,
-        line_of_sight,
-        discount,
-        move_order,
-        table.shape[2] > maze.num_moves if stay_action is None else stay_action,
-        min_start_distance,
-    )
-    solution = HiddenChaseSolution(
-        maze, rules, table, HiddenSearch(hidden_chase(maze, table, rules), memory)
-    )
-    solution.search.improve(seconds, width, report)
-    return solution
+    stays = table.shape[2] > maze.num_moves if stay_action is None else stay_action
+    rest = discount, move_order, stays, min_start_distance
+    rules = VisibilityRules(role, view_radius, line_of_sight, *rest)
+    search = HiddenSearch(hidden_chase(maze, table, rules), memory)
+    search.improve(seconds, width, report)
+    return HiddenChaseSolution(maze, rules, table, search)
 
 
 # -- the policy ------------------------------------------------------------------------------------
@@ -250,9 +242,3 @@ class BeliefOptimalEvader(BeliefOptimal):
     """The evader of a `HiddenChaseSolution`."""
 
     role = "evader"
-
-
-AGENT_OF_ROLE: dict[Role, type[BeliefOptimal]] = {
-    "chaser": BeliefOptimalChaser,
-    "evader": BeliefOptimalEvader,
-}

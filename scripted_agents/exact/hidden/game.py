@@ -231,15 +231,9 @@ def hidden_chase(
     apart = np.broadcast_to(x != h, shape)
     chances = np.where(caught | ~apart, 0.0, chances[:, None])
     costs = np.where(apart[..., 0], 1.0 if role == "chaser" else -1.0, 0.0)
-    return HiddenCell(
-        own,
-        np.broadcast_to(theirs, shape),
-        chances,
-        costs,
-        visible,
-        rules.discount,
-        *_starts(maze, role, visible, rules.min_start_distance),
-    )
+    starts = _starts(maze, role, visible, rules.min_start_distance)
+    after = np.broadcast_to(theirs, shape)
+    return HiddenCell(own, after, chances, costs, visible, rules.discount, *starts)
 
 
 def _starts(

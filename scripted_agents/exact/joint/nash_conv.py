@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check_bool, one_of
@@ -50,11 +50,9 @@ def joint_nash_conv(
         player: 1.0 / len(names) if shared_return and player == "chaser" else 1.0
         for player, names in players.items()
     }
+    rest: Any = policies, horizon, discount, objective, most_states
     best = {
-        player: weights[player]
-        * solve_joint(
-            task, names, policies, horizon, discount, objective, most_states
-        ).mean_over_starts
+        player: weights[player] * solve_joint(task, names, *rest).mean_over_starts
         for player, names in players.items()
     }
     achieved = evaluate_joint(task, policies, horizon, discount, None, most_states).returns

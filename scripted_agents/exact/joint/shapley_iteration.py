@@ -57,13 +57,9 @@ def restricted(store: Store, rows: Mask, columns: Mask) -> Store:
     all_columns = np.maximum(store.shape[:, 0] // np.maximum(store.shape[:, 2], 1), 1)
     shape[:, 0] = totals
     shape[:, 2] = np.bincount(state[may], minlength=len(shape)) // all_columns
-    pairs = np.concatenate([[0], np.cumsum(totals)])
-    following, sides, joints = (
-        store.following[pair[kept]],
-        store.sides[edge[kept]],
-        store.joints[edge[kept]],
-    )
-    return Store(pairs, pairs, shape, following, sides, joints, *NO_SLIPS)
+    pairs, pair, edge = np.concatenate([[0], np.cumsum(totals)]), pair[kept], edge[kept]
+    rest = store.following[pair], store.sides[edge], store.joints[edge]
+    return Store(pairs, pairs, shape, *rest, *NO_SLIPS)
 
 
 def stochastic_game_of(
@@ -102,13 +98,9 @@ def stochastic_game_of(
     if twins is not None:
         store.following[:] = np.where(store.following < 0, -1, twins[store.following])
     by_step = not any(payoff.reward_weights) and not payoff.ending
-    return StochasticGame(
-        store,
-        (task.num_actions, task.num_actions ** (task.num_agents - 1)),
-        discount,
-        float(any(payoff.lasting)) if by_step else None,
-        report=report,
-    )
+    step_reward = float(any(payoff.lasting)) if by_step else None
+    options = task.num_actions, task.num_actions ** (task.num_agents - 1)
+    return StochasticGame(store, options, discount, step_reward, report=report)
 
 
 class StochasticGame:
@@ -257,11 +249,8 @@ def solve_infinite_horizon(game: StochasticGame) -> tuple[Values, int]:
         if change <= smallest:
             return following, sweeps
         largest_change = max(largest_change, change)
-        span = np.log(largest_change / smallest)
-        game.share = (
-            game.share[1],
-            max(game.share[1], float(np.log(largest_change / change) / span)),
-        )
+        done = float(np.log(largest_change / change) / np.log(largest_change / smallest))
+        game.share = game.share[1], max(game.share[1], done)
         plain, bound, jumped = following, change, True
         values = game.evaluated()
     raise ValueError(

@@ -109,15 +109,9 @@ def double_oracle(
         longest = best_response("evader", maze, solution.chaser_policy, *rest)
         shortest = best_response("chaser", maze, solution.evader_policy, *rest)
         gains = longest.values - shortest.values
-        iterations.append(
-            OracleIteration(
-                mean_over_starts(gains, maze),
-                float(gains.max()),
-                len(chasers),
-                _mean_actions(maze, chaser_mask),
-                _mean_actions(maze, evader_mask),
-            )
-        )
+        nash_conv, largest = mean_over_starts(gains, maze), float(gains.max())
+        allowed = (_mean_actions(maze, mask) for mask in (chaser_mask, evader_mask))
+        iterations.append(OracleIteration(nash_conv, largest, len(chasers), *allowed))
         report(iterations[-1])
         if iterations[-1].largest_gain <= tolerance:
             break

@@ -330,10 +330,10 @@ def test_other_suffixes_and_rates_are_refused(tmp_path: Path) -> None:
 def test_a_window_shows_scenes_until_its_button_closes_it(monkeypatch: pytest.MonkeyPatch) -> None:
     pygame = pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    window = Window(size=200)
+    window = Window()
     window.show(SCENE, fps=0)
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
-    assert (shown == SCENE.draw(size=200)).all()
+    assert (shown == SCENE.draw()).all()
     window.show(replace(SCENE, maze=open_maze(12, 1)), fps=0)
     assert window.is_open
     pygame.event.post(pygame.event.Event(pygame.QUIT))

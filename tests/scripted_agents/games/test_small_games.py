@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from matrix_values import matrix_value
 from numpy.typing import NDArray
+from trained_games import Chase
 
 import pursuit
 from pursuit import chase_v0
@@ -192,30 +193,9 @@ def _against_random(state: str) -> float:
     return max(values) if turn == 0 else sum(values) / len(values)
 
 
-class Chase:
-    """One chaser and one evader, written from the rules."""
-
-    players = ("chaser", "evader")
-
-    def __init__(self, maze: pursuit.Maze) -> None:
-        self.cells, self.moves = maze.num_cells, maze.neighbors.tolist()
-
-    def starts(self) -> list[Any]:
-        pairs = [(c, e) for c in range(self.cells) for e in range(self.cells) if c != e]
-        return [(1.0 / len(pairs), pair) for pair in pairs]
-
-    def legal_actions(self, state: Any, player: int) -> Sequence[int]:
-        return range(4)
-
-    def transitions(self, state: Any, actions: Any) -> list[Any]:
-        c, e = (self.moves[cell][action] for cell, action in zip(state, actions, strict=True))
-        caught = c == e or (c, e) == (state[1], state[0])
-        return [(1.0, (c, e), (-1.0, 1.0), caught)]
-
-
 def test_the_chase_as_a_small_game_equals_the_solvers_of_tasks() -> None:
     maze = pursuit.load_maze("4x4")
-    small = enumerate_game(Chase(maze))
+    small = enumerate_game(Chase("4x4"))
     pairs = tuple(np.array(small.states).T)
     game = solve_chase(maze, 0.95)
     np.testing.assert_allclose(-equilibrium(small, 0.95).values, game.values[pairs], atol=1e-9)

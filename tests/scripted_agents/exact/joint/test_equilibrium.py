@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from matrix_values import matrix_value
 from random_mazes import seeds, small_maze
-from scipy.optimize import linprog
 
 from pursuit import memory
 from pursuit.mazes.maze import Maze, load_maze
@@ -49,21 +49,6 @@ CORRIDOR = Maze.from_text("+-+-+-+\n|     |\n+-+-+-+")
 TWO_PARTS = Maze.from_text("+-+-+-+\n|   | |\n+-+-+-+")
 
 
-def value_by_linprog(payoff: Any) -> float:
-    """The row player's program: maximise v with payoff.T @ x >= v."""
-    m, n = payoff.shape
-    solved = linprog(
-        np.r_[np.zeros(m), -1.0],
-        A_ub=np.c_[-payoff.T, np.ones(n)],
-        b_ub=np.zeros(n),
-        A_eq=[[1.0] * m + [0.0]],
-        b_eq=[1.0],
-        bounds=[(0, None)] * m + [(None, None)],
-    )
-    assert solved.success
-    return float(-solved.fun)
-
-
 def check_matrix_game(payoff: Any) -> None:
     game = solve_matrix_game(payoff)
     scale = max(1.0, float(np.abs(payoff).max()))
@@ -72,7 +57,7 @@ def check_matrix_game(payoff: Any) -> None:
     # Each strategy guarantees the value, which proves both optimal without any other solver.
     assert (game.row @ payoff).min() >= game.value - 1e-9 * scale
     assert (payoff @ game.column).max() <= game.value + 1e-9 * scale
-    assert game.value == pytest.approx(value_by_linprog(payoff), abs=1e-7 * scale)
+    assert game.value == pytest.approx(matrix_value(payoff), abs=1e-7 * scale)
     pure = payoff.min(axis=1).max() >= payoff.max(axis=0).min()
     assert game.pure == pure
 
@@ -231,7 +216,7 @@ def value_by_recursion(maze: Maze, chasers: int, steps: int, stay: bool, order: 
                 caught = captured(maze, order, team, evader, after, flight)
                 row.append(0.0 if caught else value(after, flight, left - 1))
             rows.append(row)
-        return 1.0 + value_by_linprog(np.array(rows))
+        return 1.0 + matrix_value(np.array(rows))
 
     teams = itertools.product(cells, repeat=chasers)
     return {(team, evader): value(team, evader, steps) for team in teams for evader in cells}
@@ -272,7 +257,7 @@ def test_two_chasers_on_5x5_are_solved_and_better_than_one() -> None:
             flight, after = maze.neighbors[e, flee], (maze.neighbors[c, a], maze.neighbors[d, b])
             if not captured(maze, "simultaneous", (c, d), e, after, flight):
                 payoff[flee, joint] = two.values[(*after, flight)]
-        assert two.values[c, d, e] == pytest.approx(1 + 0.95 * value_by_linprog(payoff), abs=1e-6)
+        assert two.values[c, d, e] == pytest.approx(1 + 0.95 * matrix_value(payoff), abs=1e-6)
         x, y = two.chaser_policy[c, d, e], two.evader_policy[e, c, d]
         assert 1 + 0.95 * (payoff @ x).max() == pytest.approx(two.values[c, d, e], abs=1e-6)
         assert 1 + 0.95 * (y @ payoff).min() == pytest.approx(two.values[c, d, e], abs=1e-6)

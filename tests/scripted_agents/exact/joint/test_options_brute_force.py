@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matrix_values import matrix_value
 from reference_options import Rulebook, State
-from scipy.optimize import linprog
 
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.rules.layout import Games
@@ -288,22 +288,6 @@ def test_nash_conv_is_the_sum_of_the_gains_of_brute_force(name: str) -> None:
 
 
 # -- equilibria ------------------------------------------------------------------------------------
-
-
-def matrix_value(payoff: Any) -> float:
-    """The value of a matrix game for the row player, by a linear program."""
-    payoff = np.atleast_2d(payoff)
-    rows, columns = payoff.shape
-    low, high = payoff.min(axis=1).max(), payoff.max(axis=0).min()
-    if low == high:
-        return float(low)
-    cost = np.zeros(rows + 1)
-    cost[-1] = -1.0
-    upper = np.hstack([-payoff.T, np.ones((columns, 1))])
-    whole = np.append(np.ones(rows), 0.0)[None]
-    bounds = [(0.0, None)] * rows + [(None, None)]
-    solved: Any = linprog(cost, upper, np.zeros(columns), whole, [1.0], bounds)
-    return -float(solved.fun)
 
 
 def equilibrium_values(model: Model, discount: float, sweeps: int) -> dict[State, float]:

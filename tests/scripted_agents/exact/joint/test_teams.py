@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from matrix_values import matrix_value
 
 from pursuit.mazes.maze import load_maze
 from pursuit.simulator.simulator import Simulator
@@ -79,19 +79,6 @@ def one_step(task: Task, values: Any, place: Any) -> Any:
     return np.array(rows)
 
 
-def linear_program(payoff: Any) -> float:
-    m, n = payoff.shape
-    solved = linprog(
-        np.r_[np.zeros(m), -1.0],
-        A_ub=np.c_[-payoff.T, np.ones(n)],
-        b_ub=np.zeros(n),
-        A_eq=[[1.0] * m + [0.0]],
-        b_eq=[1.0],
-        bounds=[(0, None)] * m + [(None, None)],
-    )
-    return float(-solved.fun)
-
-
 def chances(task: Task, policies: Any, place: Any) -> tuple[Any, Any]:
     """[joint actions] and [actions] of agents that are tables over pairs of cells."""
     maze, evader = task.mazes[0], place[-1]
@@ -152,7 +139,7 @@ def test_the_joint_game_is_that_of_linear_programs(order: Any) -> None:
     values = {place: float(solved[place]) for place in places(task)}
     for place, value in values.items():
         assert value == pytest.approx(
-            1 + 0.9 * linear_program(one_step(task, values, place)), abs=1e-7
+            1 + 0.9 * matrix_value(one_step(task, values, place)), abs=1e-7
         )
 
 
