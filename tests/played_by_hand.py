@@ -6,7 +6,7 @@ import http.client
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 from train.play.server import PlayServer
@@ -52,7 +52,7 @@ class Visitor:
 
 @contextmanager
 def serving(session: Any, after: Any = None) -> Iterator[tuple[Visitor, PlayServer]]:
-    with PlayServer(session, after=after) as server:
+    with closing(PlayServer(session, after=after)) as server:
         thread = threading.Thread(target=server.serve)
         thread.start()
         try:

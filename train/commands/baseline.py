@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Annotated
 
 from pursuit.validation import at_least
@@ -37,9 +38,6 @@ def baseline(arguments: Sequence[str]) -> None:
     contest = contest_of(given.task, given.episodes, given.seed)
     contest = contest.exactly().solved_up_to(MAX_EVALUATED_WORK)
     print(contest.line())
-    scores = contest.baselines()
-    print_scores(scores, contest)
-    for line in contest.notes:
-        print(line)
-    for line in contest.facts():
+    print_scores(contest.baselines(), contest)
+    for line in chain(contest.notes, contest.facts()):
         print(line)

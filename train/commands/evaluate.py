@@ -34,6 +34,9 @@ from train.settings.checks import Settings, check_default
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
 
+OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
+"""Options of the opponents."""
+
 
 @dataclass(frozen=True)
 class Evaluated(Settings):
@@ -122,8 +125,7 @@ def evaluate(arguments: Sequence[str]) -> None:
 
 def evaluate_players(given: EvaluateCommand) -> Plain:
     """Print the evaluation of a whole run of self-play, exact if possible; the results."""
-    others = ("opponent", "opponent_policy", "opponent_epsilon")
-    names = (*others, "maze", "replays", "table", "exact_seconds")
+    names = (*OPPONENT, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
     from train.runs.opponents import policy_of  # torch is slow to import
@@ -146,8 +148,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
 
 def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
     """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
-    others = ("opponent", "opponent_policy", "opponent_epsilon", "teammates")
-    names = (*others, "maze", "replays", "table", "exact_seconds")
+    names = (*OPPONENT, "teammates", "maze", "replays", "table", "exact_seconds")
     check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
     loaded = load_run(given)
     found: list[Plain] = [
@@ -263,8 +264,7 @@ def load_run(given: EvaluateCommand) -> Loaded:
         whole_team or given.teammates != "learned",
         f"--teammates learned, but {given.run} trained one agent; leave it out",
     )
-    names = ("opponent", "opponent_policy", "opponent_epsilon")
-    changed = {name: own for name in names if (own := getattr(given, name)) is not None}
+    changed = {name: own for name in OPPONENT if (own := getattr(given, name)) is not None}
     for name in changed:
         option = f"--{name.replace('_', '-')}"
         check(

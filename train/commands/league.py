@@ -77,12 +77,7 @@ def league(arguments: Sequence[str]) -> None:
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
     from train.self_play.league import enter, entries_name, play_league, rate
-    from train.self_play.payoffs import (
-        draw_league,
-        payoff_tables,
-        ratings_table,
-        teams_table,
-    )
+    from train.self_play.payoffs import draw_league, payoff_tables, ratings_table, teams_table
 
     if given.game is not None:
         of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
@@ -154,18 +149,16 @@ def _print(
     for line in survival_lines(max_steps, content) if table.counts_captures else ():
         print(f"warning: {line}", file=sys.stderr)
     for role in table.roles:
-        if content[f"{role}_cycle"]:
-            chain = " > ".join([*content[f"{role}_cycle"], content[f"{role}_cycle"][0]])
+        if cycle := content[f"{role}_cycle"]:
             print(
                 f"\nwarning: the {several.format(role)} are not transitive, so ratings cannot "
-                f"order them: {chain}",
+                f"order them: {' > '.join([*cycle, cycle[0]])}",
                 file=sys.stderr,
             )
-    if content["cycle"]:
-        chain = " -> ".join([*content["cycle"], content["cycle"][0]])
+    if cycle := content["cycle"]:
         print(
-            "\nwarning: these results are not transitive, so there is no single ranking; "
-            f"each is the best response to the previous one: {chain}",
+            "\nwarning: these results are not transitive, so there is no single ranking; each "
+            f"is the best response to the previous one: {' -> '.join([*cycle, cycle[0]])}",
             file=sys.stderr,
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
@@ -120,7 +121,7 @@ def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | N
         if keeper is not None:
             keeper.keep(session)
 
-    with PlayServer(session, port, over) as server:
+    with closing(PlayServer(session, port, over)) as server:
         opened = browser and open_page(server.address)
         print(f"{'opened' if opened else 'open'} {server.address}")
         print("stop with Ctrl-C", flush=True)

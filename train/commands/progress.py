@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 from time import perf_counter, strftime
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -76,13 +76,6 @@ class TrainingProgress:
             disable=not console.is_terminal,
         )
         self.task = self.progress.add_task("learning", total=1.0)
-
-    def __enter__(self) -> Self:
-        self.progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.progress.stop()
 
     def __call__(self, run: Run, row: dict[str, float]) -> None:
         """Report a rollout (an empty row) or an evaluation."""
@@ -173,10 +166,7 @@ def kept(run: Run) -> str:
 
 
 def finish_run(
-    run: Run[T],
-    final: Final,
-    again: str,
-    present: Callable[[Run[T], Plain], None] | None,
+    run: Run[T], final: Final, again: str, present: Callable[[Run[T], Plain], None] | None
 ) -> Plain:
     """Train until the end of the budget; then evaluate, draw, and return the results.
 
@@ -194,7 +184,8 @@ def finish_run(
     if content is None:
         try:
             if not run.is_trained:
-                with TrainingProgress() as watch:
+                watch = TrainingProgress()
+                with watch.progress:
                     run.train(watch)
             began = perf_counter()
             with closing(ProgressLine()) as tell:

@@ -10,12 +10,7 @@ import tyro
 
 from pursuit.validation import check
 from train.commands.parse import default_budget, options_in, parse, parse_known
-from train.commands.progress import (
-    RunCommand,
-    check_resumed,
-    finish_run,
-    start_or_resume,
-)
+from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
 from train.evaluation.self_play_text import describe_mixing
 from train.files import Plain
 from train.reports.tables import print_table
@@ -62,10 +57,7 @@ def options_of(task: AnyTask, roles: Sequence[str], budget: Plain) -> Any:
     ]
     if "players" in {each.name for each in fields(whole)}:
         own.append(("players", Suppressed, field(default=None)))
-    free = {
-        "__post_init__": lambda self: None,
-        "__doc__": "The settings of a run of self-play.",
-    }
+    free = {"__post_init__": lambda self: None, "__doc__": "The settings of a run of self-play."}
     form = make("Options", own, bases=(whole,), namespace=free, frozen=True, kw_only=True)
     return form(observation=task.OBSERVATION, **budget)
 

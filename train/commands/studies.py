@@ -125,44 +125,42 @@ class ReproduceCommand(Settings):
 
 def sweep(arguments: Sequence[str]) -> None:
     """`pursuit sweep`."""
-    run_study_file(
-        parse(SweepCommand, arguments, "sweep"), f"sweep {shlex.join(arguments)}", "sweep"
-    )
+    run_study_file(SweepCommand, arguments, "sweep", "sweep")
 
 
 def ablate(arguments: Sequence[str]) -> None:
     """`pursuit ablate`."""
-    options = parse(AblateCommand, arguments, "ablate")
-    run_study_file(options, f"ablate {shlex.join(arguments)}", "ablation")
+    run_study_file(AblateCommand, arguments, "ablate", "ablation")
 
 
 def compare(arguments: Sequence[str]) -> None:
     """`pursuit compare`."""
-    options = parse(CompareCommand, arguments, "compare")
-    run_study_file(options, f"compare {shlex.join(arguments)}", "comparison", options.clock)
+    run_study_file(CompareCommand, arguments, "compare", "comparison")
 
 
-def run_study_file(options: SweepCommand, again: str, kind: str, clock: str | None = None) -> None:
+def run_study_file(
+    form: type[SweepCommand], arguments: Sequence[str], command: str, kind: str
+) -> None:
     """Execute the runs of a study file, and write the report.
 
     Args:
-        options: of the command.
-        again: the command, without "pursuit".
+        form, arguments, command: as of `parse`.
         kind: of the study file: "sweep", "ablation" or "comparison".
-        clock: replaces that of the file.
     """
+    options = parse(form, arguments, command)
     check(options.list or options.file is not None, "no file; give one, or --list")
     check(
         options.address is None or options.executor == "ray",
         f"address={options.address!r} is for Ray clusters; give --executor ray, or leave it out",
     )
     from train.experiments.expansion import load_study  # torch is slow to import
+    from train.experiments.runs import is_folder_of
     from train.experiments.stages import stages_of
 
     if options.list:
-        default = type(options).file
         check(
-            options.file == default, f"file {options.file!r} with --list; leave one of the two out"
+            options.file == form.file,
+            f"file {options.file!r} with --list; leave one of the two out",
         )
         for name in shipped(kind):
             layout = load_study(name, kind).layout
@@ -171,21 +169,22 @@ def run_study_file(options: SweepCommand, again: str, kind: str, clock: str | No
         return
 
     def with_clock(file: StudyFile) -> StudyFile:
-        if clock is not None:
-            file.settings = {**(file.settings or {}), "clock": clock}
+        if isinstance(options, CompareCommand) and options.clock is not None:
+            file.settings = {**file.settings, "clock": options.clock}
         return file
 
     name, full = str(options.file), options.version == "full"
     version = "-full" if full else "-short" * (kind == "comparison")
     out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{version}"
     stages = stages_of(name, kind, options.version, out, with_clock, options.rows)
-    check_own(stages[-1], out, options.overwrite)
+    study = stages[-1].expand()
+    check_output_folder(out, lambda folder: is_folder_of(study, folder), options.overwrite)
     if options.dry_run and kind == "comparison":
-        list_stages(stages, out, options.workers or os.cpu_count() or 1)
+        list_stages(stages, out, options.workers)
     elif options.dry_run:
-        list_runs(stages[-1].expand(), out)
+        list_runs(study, out)
     else:
-        again = f"pursuit {again}"
+        again = f"pursuit {command} {shlex.join(arguments)}"
         done = run_stages(stages, options.workers, again, options.executor, options.address)
         exit_if_failed(done[-1:], again)
 
@@ -212,7 +211,7 @@ def reproduce(arguments: Sequence[str]) -> None:
     check_output_folder(out, lambda folder: is_replication(plan, folder), options.overwrite)
     stages = replication_stages(plan, out)
     if options.dry_run:
-        list_stages(stages, out, options.workers or os.cpu_count() or 1)
+        list_stages(stages, out, options.workers)
         return
     if options.page:
         check(out.is_dir(), f"{out}: no such folder; leave out --page to start the runs")
@@ -224,14 +223,6 @@ def reproduce(arguments: Sequence[str]) -> None:
     done = run_stages(stages, options.workers, again)
     print(f"page: {write_replication(plan, out)}")
     exit_if_failed(done, again)
-
-
-def check_own(stage: Stage, out: Path, overwrite: bool) -> None:
-    """ValueError unless `out` is new or the folder of this study."""
-    from train.experiments.runs import is_folder_of  # torch is slow to import
-
-    plan = stage.expand()
-    check_output_folder(out, lambda folder: is_folder_of(plan, folder), overwrite)
 
 
 def run_stages(
@@ -324,7 +315,12 @@ def list_runs(plan: Study, out: Path) -> None:
 
 
 def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
-    """Print the number of runs of every stage, of complete ones, and their budgets."""
+    """Print the number of runs of every stage, of complete ones, and their budgets.
+
+    Args:
+        stages, workers: as in `run_stages`.
+        out: the folder of the command.
+    """
     from train.experiments.runs import statuses_of  # torch is slow to import
     from train.experiments.variants import out_of_reach
 
@@ -342,7 +338,8 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
         if plan.pinned and stage.folder == out:
             for line in out_of_reach(plan):
                 print(line)
-    print(f"{total} runs to do into {out}, {workers} in parallel; nothing was done")
+    parallel = workers or os.cpu_count() or 1
+    print(f"{total} runs to do into {out}, {parallel} in parallel; nothing was done")
 
 
 class SweepWatch:

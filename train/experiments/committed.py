@@ -56,9 +56,8 @@ def ablation_of(name: str | Path) -> StudyFile:
 
 def units_of(file: StudyFile) -> tuple[str, list[object]]:
     """What the runs of an ablation are paired by, and its values: its games, else its mazes."""
-    grid = file.grid or {}
-    unit = next((name for name in UNITS if name in grid), "maze")
-    return unit, grid.get(unit, [(file.settings or {}).get(unit)])
+    unit = next((name for name in UNITS if name in file.grid), "maze")
+    return unit, file.grid.get(unit, [file.settings.get(unit)])
 
 
 def committed_rows(file: StudyFile, rows: Iterable[Row]) -> StudyRows:
@@ -70,10 +69,10 @@ def committed_rows(file: StudyFile, rows: Iterable[Row]) -> StudyRows:
     """
     names = [str(variant["name"]) for variant in file.variants or ()]
     unit, values = units_of(file)
-    x = unit if unit in (file.grid or {}) else None
+    x = unit if unit in file.grid else None
     layout = Layout(str(file.title), x=x, control=file.control, primary=file.primary)
     layout.variants = names
-    frames = (file.settings or {})["frames"]
+    frames = file.settings["frames"]
     everything = [
         row | {"_x": row[unit] if x else ""}
         for row in rows

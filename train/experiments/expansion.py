@@ -98,7 +98,7 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     one_of("kind", kind, KINDS)
     if file.control is not None:
         check_ablation(file)
-    common, grid = file.settings or {}, file.grid or {}
+    common, grid = file.settings, file.grid
     variants, seeds = file.variants, [0] if file.seeds is None else file.seeds
     check_table(common, "[settings]")
     check_table(grid, "[grid]", values=True)
@@ -114,7 +114,7 @@ def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     )
     count = math.prod(map(len, grid.values())) * len(variants or [{}]) * len(seeds)
     check(count <= MAX_RUNS, f"{count:,} runs; give values for at most {MAX_RUNS:,}")
-    drawn = draw_samples(file.search or {}, MAX_RUNS // count)
+    drawn = draw_samples(file.search, MAX_RUNS // count)
     sources = [grid, drawn[0], {name: 0 for variant in variants or () for name in variant}]
     for one, two in itertools.combinations(sources, 2):
         for name in one.keys() & two.keys():

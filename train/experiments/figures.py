@@ -187,13 +187,12 @@ def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
             curves = [curve for curve in stages if len(curve[0])]
             settled = [(times, settled_at(values)) for times, values in curves]
             marks = [(times[place - 1], color) for times, place in settled if place > 0]
-            label = "" if upper else "gap to the optimum (%)"
-            upper.append(Panel(series, label, name, "gap", marks=marks))
-            label = "" if lower else "trained on"
-            note = "the task itself" if name == control else "levels instead of stages"
+            labels = ("", "") if upper else ("gap to the optimum (%)", "trained on")
+            upper.append(Panel(series, labels[0], name, "gap", marks=marks))
             lines = [Series([curve], None, color, width=1.0) for curve in curves]
-            note = "" if lines else note
-            lower.append(Panel(lines, label, marks=marks, note=note, height=1.5))
+            why = "the task itself" if name == control else "levels instead of stages"
+            note = "" if lines else why
+            lower.append(Panel(lines, labels[1], marks=marks, note=note, height=1.5))
         grid += [upper, lower]
     return grid
 

@@ -13,13 +13,7 @@ from train.experiments import figures
 from train.experiments.library_runs import COMPARED_LIBRARIES
 from train.experiments.measures import budget_note, note
 from train.experiments.rows import Content, StudyRows
-from train.experiments.statistics import (
-    NAN,
-    bounded,
-    distance_interval,
-    improvement,
-    permutation_p,
-)
+from train.experiments.statistics import NAN, bounded, distance_interval, improvement, permutation_p
 from train.experiments.variants import EXTREMES, NEVER, UNITS, time_columns, times_row
 from train.reports.tables import (
     Column,

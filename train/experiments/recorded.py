@@ -81,8 +81,7 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
         for name, value in (planned or {}).get(run, {}).items():
             own = cells.get(name)
             check(
-                own is not None or value is None,
-                f"{where}: the column {name} is missing; {REMEDY}",
+                own is not None or value is None, f"{where}: the column {name} is missing; {REMEDY}"
             )
             check(
                 same(own or "", value),

@@ -16,7 +16,7 @@ from pursuit.mazes.maze import Maze
 from pursuit.mazes.sources import decoded, read_bytes
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of, unknown
-from train.experiments.claims import cells_of_table
+from train.experiments.claims import cells_of_table, in_cell
 from train.experiments.expansion import load_study
 from train.experiments.rows import flat_plain
 from train.experiments.runs import TUNING, Study
@@ -160,7 +160,7 @@ def runs_of_study(
     for claim in study.claims:
         for cell in [cell for table in (claim.of, *claim.than) for cell in cells_of_table(table)]:
             check(
-                any(all(row.get(n) == value for n, value in cell.items()) for row in rows),
+                bool(in_cell(rows, cell)),
                 f"study {study.id!r}: the claim {claim.text!r} is about {cell}, but "
                 f"{study.sweep or study.ablation} has no such run; correct the claim or the file",
             )
@@ -170,8 +170,8 @@ def runs_of_study(
 def with_own_mazes(file: StudyFile, mazes: Mapping[str, str]) -> StudyFile:
     """The same study file with user-defined mazes in place of shipped ones."""
 
-    def other(table: Table | None) -> Table | None:
-        if not mazes or table is None or "maze" not in table:
+    def other(table: Table) -> Table:
+        if not mazes or "maze" not in table:
             return table
         value = table["maze"]
         names = value if isinstance(value, list) else [value]

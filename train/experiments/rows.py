@@ -276,8 +276,8 @@ def read_run(folder: Path) -> tuple[Row, list[str], list[Row]]:
                 results[f"{name}_{column.removeprefix('mean_')}"] = score[column]
         members = [own["gap"] for own in content.get("team", {}).get("members", {}).values()]
         results |= {"members_gap": fmean(members)} if members else {}
-        results |= {"objective": content["objective"]["column"]}
-        results |= {"unit": content["objective"]["unit"], "format": content["format"]}
+        results |= {"objective": column, "unit": content["objective"]["unit"]}
+        results["format"] = content["format"]
         results |= curve_measures(settings | results, evaluations)
         results |= {f"{name}_version": value for name, value in content["versions"].items()}
         results["commit"] = results.pop("commit_version", None)
@@ -334,9 +334,8 @@ def settings_row(folder: Path) -> Row:
     """The settings of one run, with values and file names as the study file gives them."""
     kind, plain = read_config(folder)
     check_sources(folder / CONFIG, plain)
-    if not recorded_parts(
-        folder / CONFIG
-    ):  # user-defined parts are not imported to read their settings
+    # User-defined parts are not imported to read their settings.
+    if not recorded_parts(folder / CONFIG):
         kind, settings = read_settings(folder)
         plain = asdict(settings)
     task, label = plain["task"], read_label(folder)

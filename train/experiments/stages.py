@@ -87,13 +87,12 @@ def stages_of(
 
 def stages_of_search(search: TuningSearch, first: Study) -> list[Stage]:
     """The rungs of a search; `first` is the first one."""
-    names = [f"rung {n}" if search.has_rungs else "search" for n in search.rungs]
-    later = [partial(search.study, number) for number in search.rungs[1:]]
-    expand: list[Callable[[], Study]] = [lambda: first, *later]
-    return [
-        Stage(name, make, search.folder(number), reported=False)
-        for number, (name, make) in enumerate(zip(names, expand, strict=True))
-    ]
+    stages = list[Stage]()
+    for rung in search.rungs:
+        name = f"rung {rung}" if search.has_rungs else "search"
+        expand = partial(search.study, rung) if rung else lambda: first
+        stages.append(Stage(name, expand, search.folder(rung), reported=False))
+    return stages
 
 
 def carry_out(

@@ -148,6 +148,9 @@ class StudyFile(Version, forbid_unknown_fields=True, omit_defaults=True):
             of all seeds for every maze.
     """
 
+    settings: Table = {}
+    grid: Table = {}
+    search: Table = {}
     title: str | None = None
     kind: str | None = None
     analysis: str | None = None
@@ -302,7 +305,7 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
 def judged(file: StudyFile, name: str) -> list[str]:
     """The mazes or games (`name` "maze" or "game") of the runs of a study, wherever the file sets
     them."""
-    tables = [file.settings or {}, *(file.variants or ()), file.grid or {}, file.search or {}]
+    tables = [file.settings, *(file.variants or ()), file.grid, file.search]
     values: list[Any] = [table[name] for table in tables if name in table]
     values = [value["choices"] if isinstance(value, dict) else value for value in values]
     each = [value if isinstance(value, list) else [value] for value in values]
@@ -361,10 +364,9 @@ def choose_version(file: StudyFile, version: str | None) -> StudyFile:
     chosen = version or (has[0] if has else None)
     over: Table = dict.fromkeys(VERSIONS)
     for name in Version.__struct_fields__ if chosen else ():
-        value, before = getattr(getattr(file, str(chosen)), name), getattr(file, name)
-        both = isinstance(value, dict) and isinstance(before, dict)
+        value = getattr(getattr(file, str(chosen)), name)
         if value is not None:
-            over[name] = {**before, **value} if both else value
+            over[name] = {**getattr(file, name), **value} if isinstance(value, dict) else value
     found = msgspec.structs.replace(file, **over)
     if found.only is not None:
         names = [variant.get("name") for variant in found.variants or ()]

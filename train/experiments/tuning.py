@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 from pursuit.mazes.maze import load_maze
@@ -26,15 +26,7 @@ from train.experiments.library_runs import LIBRARY_RUN
 from train.experiments.rows import read_all
 from train.experiments.runs import LAYOUT, TUNING, Study, TrainingRun, read_label
 from train.experiments.search import draw_samples
-from train.experiments.study import (
-    Layout,
-    StudyFile,
-    Table,
-    Trials,
-    Tuning,
-    check_once,
-    judged,
-)
+from train.experiments.study import Layout, StudyFile, Table, Trials, Tuning, check_once, judged
 from train.experiments.variants import check_ablation
 from train.reports.tables import Row
 from train.runs.folder import RUN
@@ -208,15 +200,15 @@ def tuning_search_of(
         ValueError: names that the study does not have, or a game of the search that is also one of
             the study.
     """
-    trials = tuning.trials(version)
+    search_of = partial(TuningSearch, tuning, tuning.trials(version), out=out, rows=rows)
     if file is None:
         check_once("algorithm in [tuning]", [*tuning.space])
         whole = tuple(Searched(name, "", tuning.settings, {}) for name in tuning.space)
-        return TuningSearch(tuning, trials, whole, "algorithm", RUN, out, rows=rows)
-    common = {**(file.settings or {}), **tuning.settings}
+        return search_of(whole, "algorithm", RUN)
+    common = {**file.settings, **tuning.settings}
     studied = tuple(judged(file, "maze"))
     if file.kind == LIBRARY_RUN:
-        libraries = (file.grid or {}).get("contestant", [])
+        libraries = file.grid.get("contestant", [])
         check_once("contestant in [grid]", libraries)
         check(
             max(file.seeds or [0]) < FIRST_TRIAL_SEED,
@@ -228,9 +220,7 @@ def tuning_search_of(
             for task, name in itertools.product(file.variants or [Table()], libraries)
         )
         episodes = file.episodes or EPISODES
-        return TuningSearch(
-            tuning, trials, whole, "contestant", LIBRARY_RUN, out, studied, episodes, rows
-        )
+        return search_of(whole, "contestant", LIBRARY_RUN, studied=studied, episodes=episodes)
     check_ablation(file)
     variants = {str(variant["name"]): variant for variant in file.variants or ()}
     for name in (*({*tuning.space} - {"all"}), *tuning.like):
@@ -250,7 +240,7 @@ def tuning_search_of(
     whole = tuple(
         Searched("", name, common, settings_of_variant(variants[name])) for name in searched
     )
-    return TuningSearch(tuning, trials, whole, "variant", file.kind or RUN, out, studied, rows=rows)
+    return search_of(whole, "variant", file.kind or RUN, studied=studied)
 
 
 def settings_of_variant(variant: Table) -> Table:
@@ -349,24 +339,22 @@ def trials_in(folder: Path) -> list[Row]:
     for row in sorted(search.everything, key=lambda row: (row["trial"], row["seed"])):
         groups.setdefault((row[of], row["variant"] or "", row["trial"]), []).append(row)
     no_settings = (of, "maze", "game", "variant", *NO_SETTINGS)
-    trials, best = list[Row](), dict[tuple[str, str], Row]()
+    trials, scored = list[Row](), dict[tuple[str, str], list[Row]]()
     for (name, task, number), runs in groups.items():
         label: Row = {**read_label(folder / "runs" / runs[0]["run"])}
         label = label or {n: v for n in search.varying if (v := runs[0][n]) is not None}
         trial: Row = {of: name, "task": task, "trial": number}
         trial |= {n: value for n, value in label.items() if n not in no_settings}
-        complete = [run["status"] == "complete" for run in runs]
+        complete = all(run["status"] == "complete" for run in runs)
         trial["gaps"] = [
-            run.get("optimality_gap") if ended else None
-            for run, ended in zip(runs, complete, strict=True)
+            run.get("optimality_gap") if run["status"] == "complete" else None for run in runs
         ]
-        trial |= {"score": score(runs) if all(complete) else None, "chosen": False}
+        trial |= {"score": score(runs) if complete else None, "chosen": False}
         trials.append(trial)
-        before = best.get((name, task))
-        if all(complete) and (before is None or trial["score"] < before["score"]):
-            best[name, task] = trial
-    for trial in best.values():
-        trial["chosen"] = True
+        if complete:
+            scored.setdefault((name, task), []).append(trial)
+    for own in scored.values():
+        min(own, key=lambda trial: trial["score"])["chosen"] = True  # the first of equal ones
     return trials
 
 

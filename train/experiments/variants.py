@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,10 +214,9 @@ def times_row(rows: Sequence[Row], gaps: Iterable[float] = GAPS, prefix: str = "
     for gap in gaps:
         for unit in UNITS:
             values = [each.get(f"{prefix}{unit}_to_{gap:g}") for each in rows]
-            times = sorted(NEVER if value is None else value for value in values)
+            times = [NEVER if value is None else value for value in values]
             row[f"reached_{gap:g}"] = sum(time < NEVER for time in times)
-            middle = times[(len(times) - 1) // 2] + times[len(times) // 2] if times else NEVER
-            row[f"{unit}_to_{gap:g}"] = middle / 2
+            row[f"{unit}_to_{gap:g}"] = float(median(times)) if times else NEVER
     return row
 
 
@@ -395,11 +395,9 @@ def variant_notes(study: StudyRows) -> list[str]:
         note("gaps.times", kinds=kinds, cut=note("gaps.cut")),
         note("gaps.hardest", spent=100 * SPENT),
     ]
-    if layout.primary is None:
-        lines.append(note("gaps.no_primary"))
-    else:
-        pair = in_markdown(f"{layout.primary} against {layout.control}")
-        lines.append(note("gaps.primary", pair=pair))
+    pair = in_markdown(f"{layout.primary} against {layout.control}")
+    primary = "gaps.no_primary" if layout.primary is None else "gaps.primary"
+    lines.append(note(primary, pair=pair))
     return lines + ([note("gaps.margin", margin=layout.margin)] if layout.margin else [])
 
 
@@ -467,9 +465,9 @@ def check_ablation(file: StudyFile) -> None:
             f"variant {variant.get('name')!r} sets {', '.join(own)}; all variants have the same "
             "budget, task and seeds, so set it in [settings]",
         )
-        if file.kind != SELF_PLAY and "curriculum" not in (file.settings or {}):
+        if file.kind != SELF_PLAY and "curriculum" not in file.settings:
             variant.setdefault("curriculum", "none")
-    grid, hints = list(file.grid or {}), file.report
+    grid, hints = list(file.grid), file.report
     check(
         hints is None or hints.group is None,
         "group in [report]: an ablation draws one curve per variant; leave it out",

@@ -75,12 +75,6 @@ class PlayServer:
         self._hosts = {f"{name}:{own}" for name in (HOST, "localhost")}
         self.address = f"http://{HOST}:{own}/{self.token}/"
 
-    def __enter__(self) -> PlayServer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def serve(self) -> None:
         """Answer requests until another thread calls `stop`, or a signal ends it."""
         self._server.serve_forever(poll_interval=0.2)

@@ -48,15 +48,13 @@ def session_of(settings: TaskSettings, beside: str, seed: int) -> Session:
     return Session(world.contest(2), name_of(beside, role), policy, seed, world.settings.opponent)
 
 
-def game_of_run(against: str) -> TaskSettings | None:
-    """The task of a run with the user in the other role; None if `against` is not a run.
+def game_of_run(against: str) -> TaskSettings:
+    """The task of a run with the user in the other role.
 
     Raises:
         ValueError: a damaged run, or a run of the arm.
     """
     folder = Path(against)
-    if not (folder / CONFIG).exists():
-        return None
     if is_self_play(folder):
         folder = next(
             (folder / r for r in OPPOSING_ROLES if (folder / r / CONFIG).exists()), folder

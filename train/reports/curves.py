@@ -21,7 +21,6 @@ from train.reports.figures import (
     pyplot,
     save,
     tidy,
-    time_head,
 )
 
 if TYPE_CHECKING:  # slow to import
@@ -153,7 +152,7 @@ def draw_panels(
                 # next to the axes, where it covers no curve
                 axis.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     for axis in axes[-1]:
-        axis.set_xlabel(time_head(unit))
+        axis.set_xlabel("frames (millions)" if unit == "frames" else "training time (s)")
     # Matplotlib's own wrapping reads formulas.
     figure.suptitle(fill(title, int(CHARACTERS * width)), fontsize=11)
     figure.supxlabel(fill(note, int(CHARACTERS * width)), fontsize=8)

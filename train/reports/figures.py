@@ -145,11 +145,6 @@ def time_scale(unit: str) -> float:
     return 1e-6 if unit == "frames" else 1.0
 
 
-def time_head(unit: str) -> str:
-    """The label of the axis of seconds or frames."""
-    return "frames (millions)" if unit == "frames" else "training time (s)"
-
-
 def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
     """Write a figure atomically, in the format of its suffix and as .svg, and close it.
 

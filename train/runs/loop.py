@@ -101,14 +101,7 @@ class Budget:
         return now_without_compilation(self.clock)
 
     def progress(self, seconds: float, frames: int) -> float:
-        """The share of the budget that is used, in [0, 1]."""
-        return min(self._share(seconds, frames), 1.0)
-
-    def is_exceeded(self, seconds: float, frames: int) -> bool:
-        """Whether these are more than the budget."""
-        return self._share(seconds, frames) > 1.0
-
-    def _share(self, seconds: float, frames: int) -> float:
+        """The share of the budget that these are; above 1 if they exceed it."""
         return frames / self.frames if self.frames is not None else seconds / (self.seconds or 1.0)
 
 
@@ -186,7 +179,7 @@ class Run(Generic[T]):
     @property
     def progress(self) -> float:
         """Share of the budget used, in [0, 1]."""
-        return self.budget.progress(self.seconds, self.trainee.frames)
+        return min(self.budget.progress(self.seconds, self.trainee.frames), 1.0)
 
     @property
     def due(self) -> int:
@@ -257,7 +250,7 @@ class Run(Generic[T]):
                 spent = self.budget.now() - began
                 self.seconds += spent
                 after = (self.seconds + spent, 2 * trainee.frames - frames)
-                self.ended = self.budget.within and self.budget.is_exceeded(*after)
+                self.ended = self.budget.within and self.budget.progress(*after) > 1.0
                 if choice is not None:
                     choice.learn(spent)
                 for name, value in self.figures.items():

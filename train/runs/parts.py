@@ -91,21 +91,18 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
         check_own_loop(settings)
     if not seat.continuous:
         check_min_probability(settings.min_probability, seat.num_actions)
-    if isinstance(hyper, ReplaySettings):
-        starts = hyper.learning_starts
-        if settings.frames is not None and settings.frames <= starts:
+    if (frames := settings.frames) is not None:
+        if isinstance(hyper, ReplaySettings) and frames <= hyper.learning_starts:
             warnings.warn(
-                f"frames={settings.frames} with learning_starts={starts}: the run ends before the "
-                "first gradient step; use more frames, or a lower learning_starts",
+                f"frames={frames} with learning_starts={hyper.learning_starts}: the run ends "
+                "before the first gradient step; use more frames, or a lower learning_starts",
                 stacklevel=2,
             )
-    if settings.frames is not None:
         games, steps = hyper.num_games, seat.task.max_steps
-        iterations = settings.frames / (games * hyper.rollout_steps)
-        episodes = settings.frames / (games * steps)
+        iterations, episodes = frames / (games * hyper.rollout_steps), frames / (games * steps)
         if iterations < FEWEST_ITERATIONS or episodes < FEWEST_EPISODES:
             warnings.warn(
-                f"frames={settings.frames} with num_games={games}: {iterations:.3g} iterations of "
+                f"frames={frames} with num_games={games}: {iterations:.3g} iterations of "
                 f"the learner, and {episodes:.3g} episodes of max_steps={steps} in each game; give "
                 f"{FEWEST_ITERATIONS} and {FEWEST_EPISODES} by more frames or a lower num_games",
                 stacklevel=2,

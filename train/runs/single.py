@@ -16,7 +16,6 @@ from train.evaluation.scores import (
     BEST_RETURN,
     BY_GOALS,
     BY_RETURN,
-    UNKNOWN_GAP,
     AnyContest,
     Measure,
     ObjectiveGap,
@@ -213,11 +212,7 @@ def measured(measure: Measure, score: Score) -> float:
 
 
 def evaluation_of(
-    scores: list[Score],
-    evaluated: str,
-    contest: AnyContest,
-    objective: ObjectiveGap = UNKNOWN_GAP,
-    policy: Any = None,
+    scores: list[Score], evaluated: str, contest: AnyContest, objective: ObjectiveGap, policy: Any
 ) -> Plain:
     """ "evaluation", "reference" and "scores" of `results.json`, and what `Contest.further` adds.
 
@@ -249,7 +244,6 @@ def evaluation_of(
                 f"{by.name}_regret": by.distance(learned, most),
             }
     held = contest.reference(scores, learned)
-    more = {} if policy is None else contest.further(policy, learned, scores)
     return {
         "evaluation": {
             "episodes": learned.episodes,
@@ -266,12 +260,12 @@ def evaluation_of(
             **({"outcome_gap": objective.missing_return} if learned.rates else {}),
             **certified,
             **others,
-            **({} if policy is None else contest.columns(policy)),
+            **contest.columns(policy),
             **learned.rates,
         },
         "reference": {} if held is None else asdict(held),
         "scores": [score.plain() for score in scores],
-        **more,
+        **contest.further(policy, learned, scores),
     }
 
 

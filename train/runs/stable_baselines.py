@@ -95,13 +95,12 @@ def load_stable_baselines(
             task, observation = settings.build(), described.observation
             agent, mask_bumps = settings.agent_in(task), settings.mask_bumps
             return _load(path, MazeSeat(task, agent, observation, mask_bumps), greedy)
-    check(
-        task is not None and agent is not None and observation is not None,
-        f"{path}: its description file {where.name} is missing; give the task and observation of "
-        "its training (--observation of pursuit evaluate, --opponent-observation of an opponent), "
-        "or save it with train.runs.stable_baselines.save_stable_baselines",
-    )
-    assert task is not None and agent is not None and observation is not None
+    if task is None or agent is None or observation is None:
+        raise ValueError(
+            f"{path}: its description file {where.name} is missing; give the task and observation "
+            "of its training (--observation of pursuit evaluate, --opponent-observation of an "
+            "opponent), or save it with train.runs.stable_baselines.save_stable_baselines"
+        )
     return _load(path, MazeSeat(task, agent, observation, mask_bumps), greedy)
 
 
@@ -224,9 +223,8 @@ def _activation_in(path: Path) -> type[torch.nn.Module] | None:
     if not text:
         return None
     name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", text)
-    check(
-        name is not None and hasattr(torch.nn, name[1]),
-        f"{path}: activation_fn={text}; only those of torch.nn, such as ReLU, are supported",
-    )
-    assert name is not None
+    if name is None or not hasattr(torch.nn, name[1]):
+        raise ValueError(
+            f"{path}: activation_fn={text}; only those of torch.nn, such as ReLU, are supported"
+        )
     return getattr(torch.nn, name[1])

@@ -17,12 +17,8 @@ def check_unused_settings(settings: WholeSettings) -> None:
         settings: `TrainSettings` or `SelfPlaySettings`.
     """
     settings.task.check_used()
-    if isinstance(settings, SelfPlayBase):
-        check_unused_self_play_settings(settings)
-
-
-def check_unused_self_play_settings(settings: SelfPlayBase) -> None:
-    """As `check_unused_settings`, for the settings of self-play."""
+    if not isinstance(settings, SelfPlayBase):
+        return
     for name, scheme in (("window", "window"), ("pfsp_power", "pfsp")):
         if settings.sampling != scheme:
             other = f"sampling={settings.sampling!r} does not use it (sampling={scheme!r} does)"

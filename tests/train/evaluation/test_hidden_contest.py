@@ -15,6 +15,7 @@ from train.evaluation import hidden_contest
 from train.evaluation.contest import GameContest
 from train.evaluation.exploitability import exploitability
 from train.evaluation.score_table import score_table
+from train.evaluation.scores import UNKNOWN_GAP
 from train.evaluation.self_play_metrics import limited_best_responses
 from train.evaluation.self_play_text import describe_exploitability
 from train.evaluation.suite_contest import SuiteContest
@@ -58,8 +59,9 @@ def test_scores_stand_beside_the_certified_interval(role: str) -> None:
 
 def test_results_claim_no_optimum_that_is_none() -> None:
     contest = contest_for("chaser", view_radius={"chaser": 1})
-    learned = contest.score("learned", RandomAgent())
-    results = evaluation_of([learned], "greedy", contest=contest)
+    policy = RandomAgent()
+    learned = contest.score("learned", policy)
+    results = evaluation_of([learned], "greedy", contest, UNKNOWN_GAP, policy)
     found = results["evaluation"]
     assert found["optimal_steps"] is None and found["optimality_gap"] is None
     assert found["discount"] == 0.95 and found["certified_lower"] <= found["certified_upper"]

@@ -194,7 +194,7 @@ def test_a_shipped_comparison_is_tuned_on_other_mazes_and_fits_its_time(
         runs = [run.settings for run in (*search.runs, *final.runs)]
         assert sum((run.seconds or 0.0) + (run.frames or 0) / 5e4 for run in runs) <= 20 * 60
     file = choose_version(read_file(name, "comparison", StudyFile)[1], version)
-    names = (file.grid or {})["contestant"]
+    names = file.grid["contestant"]
     assert {*names} == {*COMPARED_LIBRARIES} or version == "short"
     assert file.tuning is not None
     for task in file.variants or ():

@@ -166,7 +166,7 @@ def test_the_search_has_the_fixed_settings_of_its_studies() -> None:
     drawn = {name for space in plan.tuning.space.values() for name in space}
     for study in plan.studies:
         if study.tuned:
-            fixed = read_file(str(study.sweep), "sweep", StudyFile)[1].settings or {}
+            fixed = read_file(str(study.sweep), "sweep", StudyFile)[1].settings
             own = {name: value for name, value in fixed.items() if name in drawn}
             assert own.items() <= plan.tuning.settings.items(), study.id
 

@@ -48,7 +48,7 @@ def costs(frames: int = 300_000, turns: int = 3) -> list[Row]:
         for variant in file.variants or ():
             rows = best.get(like.get(variant["name"], variant["name"]))
             tuned = tried_settings(rows[0]) if rows else {}
-            variants[variant["name"]] = {**(file.settings or {}), **tuned, **variant}
+            variants[variant["name"]] = {**file.settings, **tuned, **variant}
     games = choose_version(file, "short").grid["game"]  # type: ignore[index]
     for _, game in product(range(turns), games):
         for name, own in variants.items():
