@@ -213,8 +213,8 @@ def test_without_discount_nothing_is_worth_anything_after_the_time_limit(
 def test_nash_conv_equals_brute_force_over_pure_policies(tmp_path: Path, game: str) -> None:
     """Three players and general sums as well; the returns are those of the simulator."""
     run = played(tmp_path, game=game, frames=4000)
-    task, tables = run.trainee.task, tables_of(run)
-    discount = run.trainee.parts.discount
+    task, tables = run.trainee.game.task, tables_of(run)
+    discount = run.trainee.parts.game.discount
     assert discount == (0.95 if game == CROWD else 1.0)
     returns = expected_returns(task.game, tables, discount)
     gains = {

@@ -58,7 +58,7 @@ def exploitabilities(folder: Path) -> None:
     for name in ("5x5", "7x7", "9x9", "15x15"):
         task = TaskSettings(maze=name, rewards="zero_sum")
         run = start(SELF_PLAY, SelfPlaySettings(task=task, frames=1), folder / name)
-        maze = run.trainee.task.mazes[0]
+        maze = run.trainee.game.task.mazes[0]
 
         def whole(run: Run = run, maze: Any = maze) -> None:
             tables = [

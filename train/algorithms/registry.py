@@ -242,7 +242,6 @@ _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
 _CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
 _ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
-_LIBRARY: Any = {"own_loop": True}
 
 _ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
 _ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
@@ -273,12 +272,12 @@ _ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent
 _ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)
-_ours("cleanrl_ppo", cleanrl.CleanRLPPO, cleanrl.network_of, **_LIBRARY, package="torch")
+_ours("cleanrl_ppo", cleanrl.CleanRLPPO, cleanrl.network_of, own_loop=True, package="torch")
 _ours(
     "sb3_ppo",
     stable_baselines.StableBaselinesPPO,
     stable_baselines.network_of,
-    **_LIBRARY,
+    own_loop=True,
     package="stable_baselines3",
     extra="sb3",
 )

@@ -94,7 +94,7 @@ def self_play(arguments: Sequence[str]) -> None:
     label = f"self-play-{settings.task.game_label}"
     started, final = start_or_resume(SELF_PLAY, settings, given, label)
     run = cast("Run[SelfPlay]", started)
-    print(f"self-play: {run.trainee.line()}; opponents: {run.trainee.settings.sampling}")
+    print(f"self-play: {run.trainee.game.line()}; opponents: {run.trainee.settings.sampling}")
     for line in describe_mixing(run.trainee.game.mixed_share()):
         print(line)
     drawn = present if given.report else None

@@ -26,7 +26,6 @@ from scripted_agents import (
     least_steps_of,
 )
 from scripted_agents.exact.references import ARMS, Question, Solution, solution_of
-from train.evaluation.games import half_width
 from train.evaluation.recordings import add_recorded
 from train.evaluation.scores import (
     BY_STEPS,
@@ -35,7 +34,6 @@ from train.evaluation.scores import (
     Measure,
     Reference,
     Score,
-    strongest_reference,
 )
 from train.files import Plain
 from train.settings.checks import EVALUATION_SEED
@@ -91,16 +89,12 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
     """
 
     NO_REPLAY: ClassVar[str] = ""
+    measure: ClassVar[Measure] = BY_STEPS
     simulator: ClassVar[type[ReacherSimulator]] = ReacherSimulator
 
     task: ReacherTask
     episodes: int = 1000
     seed: int = EVALUATION_SEED
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`."""
-        return BY_STEPS
 
     @property
     def exact_reference(self) -> Solution:
@@ -135,9 +129,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
 
     def score(self, name: str, policy: ArmPolicy) -> Score:
         """As `Contest`, by simulation."""
-        lengths, reached = self.play(policy)
-        mean, share = float(lengths.mean()), float(reached.mean())
-        return Score(name, mean, half_width(lengths), share, len(lengths), False)
+        return Score.of_episodes(name, *self.play(policy))
 
     def scripted(self) -> ArmPolicy:
         """As `Contest`: inverse kinematics."""
@@ -185,9 +177,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         bounds = self.bounds()
         if not bounds.possible.any():
             return None
-        mean = float(bounds.lower.mean())
-        share = float(bounds.possible.mean())
-        return Score("optimal", mean, half_width(bounds.lower), share, self.episodes, False)
+        return Score.of_episodes("optimal", bounds.lower, bounds.possible)
 
     def baselines(self) -> list[Score]:
         """Random, the inverse kinematics methods, the thesis' baseline, and the minimum steps.
@@ -209,7 +199,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """As `Contest`; a bound if the minimum steps are not known exactly from every start."""
-        found = strongest_reference(scores, learned)
+        found = super().reference(scores, learned)
         if found is None or found.kind != "exact" or self.knows_least_steps:
             return found
         return replace(found, kind="bound")

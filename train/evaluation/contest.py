@@ -102,7 +102,7 @@ class GameContest(MazeContest):
     @property
     def why_no_optimum(self) -> str:
         """As `Contest`."""
-        return self.with_full_view.exact_reference.reason
+        return self.full.exact_reference.reason
 
     def facts(self) -> Iterator[str]:
         """As `Contest`: the number of states, and the optima over all starts, or why none is
@@ -180,10 +180,9 @@ class GameContest(MazeContest):
         rates = {} if left is None else left.rates()
         if bounded:
             certain = discounted(self.task, self.role, policy, self.opponent_table(), lengths)
-        mean, ci95, share = float(lengths.mean()), half_width(lengths), float(won.mean())
         more = (*certain, self._gap_of(lengths, won), *self._means(simulator))
         half = self._value_ci95(self.measured(simulator, lengths, left))
-        return Score(name, mean, ci95, share, len(lengths), False, *more, **rates, value_ci95=half)
+        return Score.of_episodes(name, lengths, won, *more, **rates, value_ci95=half)
 
     def _value_ci95(self, values: NDArray[np.float64]) -> float | None:
         """The half width of the interval of values in the measure; None if that is steps."""
@@ -201,11 +200,13 @@ class GameContest(MazeContest):
         return float(lengths[won].sum() / self.tours[won].sum()) - 1.0
 
     @cached_property
-    def with_full_view(self) -> Self:
-        """The same contest with a full view of this agent (or team): its optimum is a bound.
+    def full(self) -> Self:
+        """The contest whose optimum is the best response: with a full view of this agent (or team).
 
         The views of the other agents are unchanged.
         """
+        if not self.is_limited:
+            return self
         task = self.task
         limits = dict(zip(task.agent_names, task.sight.limits, strict=True))
         for seat in self.seats:
@@ -216,11 +217,6 @@ class GameContest(MazeContest):
             "unknown_maze": [name for name, limit in limits.items() if limit.unknown_maze],
         }
         return replace(self, task=replace(task, **sight))
-
-    @cached_property
-    def full(self) -> Self:
-        """The contest whose optimum is the best response: with full view."""
-        return self.with_full_view if self.is_limited else self
 
     def solution(self) -> HiddenChaseSolution | None:
         """The proven bounds of the optimum under a limited view; None if there are none."""
@@ -283,12 +279,10 @@ class GameContest(MazeContest):
     def by_outcome(self) -> Task:
         """The task with rewards whose sum over the evaluated agents is captures minus escapes (of
         evaders its negative)."""
-        shared = 1.0 / len(self.seats)
-        own = replace(OUTCOME_REWARDS["chaser"], capture=shared, escape=-shared)
-        rewards = {
-            **OUTCOME_REWARDS,
-            "chaser": own if self.role == "chaser" else OUTCOME_REWARDS["chaser"],
-        }
+        rewards = dict(OUTCOME_REWARDS)
+        if self.role == "chaser":
+            shared = 1.0 / len(self.seats)
+            rewards["chaser"] = replace(rewards["chaser"], capture=shared, escape=-shared)
         return replace(self.task, rewards=rewards)
 
     def _best_reply(self, mask_bumps: bool = False) -> BestResponse:
@@ -320,12 +314,10 @@ class GameContest(MazeContest):
         if kind != "tour" or self.tours is None or not measure.by_steps:
             return None
         most = self.task.max_steps
-        share = float((self.tours <= most).mean())
-        if share == 0.0:  # every episode is truncated, so all policies have equal lengths
+        within = self.tours <= most
+        if not within.any():  # every episode is truncated, so all policies have equal lengths
             return None
-        lengths = np.minimum(self.tours, most)
-        mean = float(lengths.mean())
-        return Score("optimal", mean, half_width(lengths), share, self.episodes, False)
+        return Score.of_episodes("optimal", np.minimum(self.tours, most), within)
 
     def best_policy(self) -> Policy:
         """As `Contest`."""
@@ -361,7 +353,6 @@ class GameContest(MazeContest):
     def _joint_score(self, best: JointResponse, measure: Measure) -> Score:
         """The score of a best response: exact expectations in this measure from the starts of the
         evaluation, or over all starts if scores are; the other columns are sampled."""
-        name = measure.optimum
         simulator = self.starts()
         expected = best.values_of(simulator.games)
         if self.exact_reference.kind == "team":
@@ -370,7 +361,6 @@ class GameContest(MazeContest):
             expected = -expected
         lengths, won, left = self.played_out(simulator, best.policy)
         in_steps: Lengths = expected if measure.by_steps else lengths
-        mean, ci95, share = float(in_steps.mean()), half_width(in_steps), float(won.mean())
         means = dict(zip(("mean_return", "mean_goals"), self._means(simulator), strict=True))
         means |= {} if left is None else left.rates()
         values, others = self.measured(simulator, lengths, left), "success: sampled"
@@ -380,7 +370,7 @@ class GameContest(MazeContest):
         if measure == self.measure:
             values = expected
         more: Any = means | {"value_ci95": self._value_ci95(values), "apart": others}
-        return Score(name, mean, ci95, share, self.episodes, False, **more)
+        return Score.of_episodes(measure.optimum, in_steps, won, **more)
 
     def objective_gap(self, discount: float) -> ObjectiveGap:
         """As `Contest`.
@@ -428,8 +418,8 @@ class GameContest(MazeContest):
         if solution is not None:
             scores.append(self.score("certified", solution.policy))
         if self.is_limited:
-            full = self.with_full_view.optima()
-            scores += [replace(best, name=f"{best.name}{FULL_VIEW}") for best in full]
+            bounds = self.full.optima()
+            scores += [replace(best, name=f"{best.name}{FULL_VIEW}") for best in bounds]
         scores += self.optima()
         if self.mask_bumps and self.is_table_duel:
             scores.append(self._duel_score("optimal with masks", self._best_reply(mask_bumps=True)))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-from pursuit.reacher.task import ReacherTask, make_reacher_task
-from pursuit.tasks.task import Task, checked_task, make_task
+from pursuit.reacher.task import ReacherTask
+from pursuit.tasks.task import Task, checked_task
 from pursuit.validation import check
 from scripted_agents.environments import chosen_policies
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK
@@ -18,68 +17,58 @@ from train.evaluation.contest import GameContest
 from train.evaluation.scores import Contest
 from train.evaluation.small_game_contest import SmallGameContest
 
-
-class TaskClass(NamedTuple):
-    """How tasks of a class are evaluated.
-
-    Attributes:
-        contest: (task, agent, opponent, epsilon, episodes, seed) -> the contest; the agent is None
-            for the first.
-        observation: the default encoding.
-    """
-
-    contest: Callable[..., Contest[Any, Any]]
-    observation: str
+Evaluated = tuple[Contest[Any, Any], str]
+"""A contest, and the default encoding of observations."""
 
 
 def _in_maze(
     task: Task, agent: str | None, opponent: Any, epsilon: float, episodes: int, seed: int
-) -> GameContest:
+) -> Evaluated:
     agent = checked_task(task).agent_names[0] if agent is None else agent
     task.seat(agent)
     others = chosen_policies(task, agent, opponent, epsilon)
-    return GameContest(task, agent, others, episodes, seed, False, MAX_EVALUATED_WORK)
+    return GameContest(task, agent, others, episodes, seed, False, MAX_EVALUATED_WORK), "one_hot"
 
 
 def _of_arm(
     task: ReacherTask, agent: str | None, opponent: Any, epsilon: float, *how: int
-) -> ArmContest:
+) -> Evaluated:
     check(agent in (None, "arm"), f"agent={agent!r}; give 'arm' for task 'reacher'")
     for name, given, none in (("opponent", opponent, None), ("opponent_epsilon", epsilon, 0.0)):
         check(
             given == none,
             f"{name}={given!r}; task 'reacher' has no other agents; leave it out",
         )
-    return ArmContest(task, *how)
+    return ArmContest(task, *how), "positions"
 
 
 def _of_small_game(
     task: GameTask, agent: str | None, opponent: Any, epsilon: float, episodes: int, seed: int
-) -> SmallGameContest:
+) -> Evaluated:
     name = task.agent_names[0 if agent is None else task.seat(agent)]
     others = chosen_players(task, name, opponent, epsilon)
     check(
         all(hasattr(own, "table") for own in others.values()),
         "opponent: exact results need tables; give names, functions of a state, or TableAgents",
     )
-    return SmallGameContest(task, name, others, episodes=episodes, seed=seed)
+    return SmallGameContest(task, name, others, episodes=episodes, seed=seed), INDEX
 
 
-CLASSES: dict[type, TaskClass] = {
-    Task: TaskClass(_in_maze, "one_hot"),
-    ReacherTask: TaskClass(_of_arm, "positions"),
-    GameTask: TaskClass(_of_small_game, INDEX),
+CLASSES: dict[type, Callable[..., Evaluated]] = {
+    Task: _in_maze,
+    ReacherTask: _of_arm,
+    GameTask: _of_small_game,
 }
 """How tasks are evaluated, by their class; those of other families can be added."""
 
 
-def class_of(task: Any) -> TaskClass:
-    """How a task is evaluated; unknown ones as `Task`, which refuses them."""
+def contest_for(task: Any, *given: Any) -> Evaluated:
+    """The contest of a task: of unknown ones as of `Task`, which refuses them.
+
+    Args:
+        task: by its class.
+        *given: the agent, None for the first; the opponent and its share of random moves; the
+            episodes, and their seed.
+    """
     found = (CLASSES[each] for each in type(task).__mro__ if each in CLASSES)
-    return next(found, CLASSES[Task])
-
-
-def task_named(name: str, **settings: Any) -> Any:
-    """A new task in a maze, or "reacher"."""
-    make: Any = {"reacher": make_reacher_task}.get(name, partial(make_task, name))
-    return make(**settings)
+    return next(found, CLASSES[Task])(task, *given)

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.evaluation import Evaluation
+from pursuit.reacher.task import make_reacher_task
 from pursuit.simulator.policy import ONE_RESULT
+from pursuit.tasks.task import make_task
 from pursuit.validation import check, whole
-from train.evaluation.contests import class_of, task_named
+from train.evaluation.contests import contest_for
 from train.evaluation.games import half_width
 from train.evaluation.scores import Contest, FunctionActions
 from train.settings.checks import evaluation_seed
@@ -65,12 +67,12 @@ def evaluate(
         f"{', '.join(own)}: settings of a new task, and task is a Task; leave them out",
     )
     if isinstance(task, str):
-        task = task_named(task, **own)
-    form, others = class_of(task), (settings["opponent"], settings["opponent_epsilon"])
-    contest = form.contest(task, agent, *others, episodes, evaluation_seed(seed))
+        task = make_reacher_task(**own) if task == "reacher" else make_task(task, **own)
+    others = settings["opponent"], settings["opponent_epsilon"]
+    contest, usual = contest_for(task, agent, *others, episodes, evaluation_seed(seed))
     if not callable(getattr(policy, "act", None)):
         check(callable(policy), f"policy={policy!r}; give a function of observations, or a Policy")
-        seen = form.observation if observation is None else observation
+        seen = usual if observation is None else observation
         policy = FunctionPolicy(policy, seen, contest.actions)
     return _compared(contest, policy)
 

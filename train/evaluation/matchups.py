@@ -73,12 +73,6 @@ class Matchup:
         return self.steps if self.outcome is None else -self.outcome
 
 
-def can_solve(task: Task, chaser: Policy, evader: Policy, most: int = MAX_FINAL_WORK) -> bool:
-    """Whether `match` is exact."""
-    asked = Question(task, None, {"chaser": chaser, "evader": evader}, most)
-    return solution_of(asked, MATCHES).kind != "none"
-
-
 def play_pair(
     task: Task, chaser: Policy, evader: Policy, episodes: int, seed: int = EVALUATION_SEED
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

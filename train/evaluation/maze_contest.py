@@ -118,12 +118,14 @@ class MazeContest(Contest[Policy, Simulator]):
 
     @property
     def limited(self) -> dict[str, Policy]:
-        """The scripted agents with the same limited view."""
-        return limited_references(self.task, self.agent, self.opponents)
+        """The scripted agents with the same limited view; of a team, that of its first such one."""
+        seat = next((s for s in self.seats if self.task.hides_from(s)), self.seat)
+        return limited_references(self.task, seat, self.opponents)
 
     @property
     def teammates(self) -> dict[str, str]:
-        """The labels of the policies of the other agents of a team, by agent."""
+        """The labels of the policies of the other agents of a team, by agent; none if the evaluated
+        policy plays them all."""
         task = self.task
         return {
             name: label_of(self.opponents.get(name, self.opponents[role]))

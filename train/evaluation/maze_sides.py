@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from scripted_agents.exact.references import is_exact_team, is_table_duel
 from scripted_agents.games import game_of_sides
 from scripted_agents.games.mixing import mixed_share
 from train.evaluation.contest import GameContest
+from train.evaluation.departures import rates_of
 from train.evaluation.diversity import diversity_of
 from train.evaluation.games import (
     all_caught,
@@ -38,7 +39,7 @@ from train.evaluation.games import (
     table_in,
     values_between,
 )
-from train.evaluation.matchups import can_solve, discounted_steps, match, pair_payoffs
+from train.evaluation.matchups import discounted_steps, exact_match, match, pair_payoffs
 from train.evaluation.payoff_table import legend_of, matches_table
 from train.evaluation.recordings import MOST_OVERLAY_CELLS, recorded
 from train.evaluation.scores import BY_OUTCOME, DISCOUNTED, OUTCOME, UNTIL_CAPTURE, Measure
@@ -46,9 +47,9 @@ from train.evaluation.self_play_metrics import (
     exact_best_responses,
     exploited,
     format_row,
-    has_nash_conv,
     limited_best_responses,
     matches,
+    nash_conv_solver,
     scripted_references,
     team_references,
     whole_game,
@@ -87,6 +88,8 @@ MOST_STATES = 2_500
 
 class MazeSides(Sides):
     """Chasers against evaders in one maze."""
+
+    bounded: ClassVar[bool] = False  # the games have a discount
 
     task: Task
 
@@ -136,11 +139,6 @@ class MazeSides(Sides):
         dominate."""
         return 1.0 - self.discount if self.world.settings.rewards == "zero_sum" else 1.0
 
-    @property
-    def bounded(self) -> bool:
-        """As of `Sides`: never, as the games have a discount."""
-        return False
-
     def scores(self, batch: Simulator, role: str, games: NDArray[np.bool_]) -> PolicyTable:
         """As of `Sides`.
 
@@ -160,10 +158,9 @@ class MazeSides(Sides):
 
     def objective(self, policies: Policies) -> Measure:
         """As of `Sides`; it depends on the game alone: every learned policy is a table."""
-        exact = has_nash_conv(self.task, policies["chaser"], policies["evader"])
-        unit = OUTCOME if self.task.most_exits else DISCOUNTED
-        column, unit = ("nash_conv", unit) if exact else ("steps", "steps")
-        return Measure(column, unit)
+        if nash_conv_solver(self.task, policies) == "none":
+            return Measure("steps", "steps")
+        return Measure("nash_conv", OUTCOME if self.task.most_exits else DISCOUNTED)
 
     def payoff(self, one: Any, two: Any, seed: int) -> float:
         """As of `Sides`: `discounted_steps`."""
@@ -180,10 +177,8 @@ class MazeSides(Sides):
         row = exploited(task, chaser, evader, self.discount)
         met = match(task, chaser, evader, episodes, most=most)
         row["steps"] = met.steps
-        if met.outcome is not None and met.escaped is not None:
-            row["outcome"] = met.outcome
-            row |= {"capture_rate": met.caught, "escape_rate": met.escaped}
-            row["timeout_rate"] = max(1.0 - met.caught - met.escaped, 0.0)
+        if met.escaped is not None:
+            row |= rates_of(met.caught, met.escaped, task.num_evaders)
         for name in scripted_references(task):
             for role in profile.learning:
                 other = profile.scripted[name, other_role(role)]
@@ -313,8 +308,9 @@ class MazeSides(Sides):
     def pair(self, one: Any, two: Any, games: int, seed: int, most: int) -> PairResult:
         """As of `Sides`: steps until capture, with exits escapes minus captures."""
         sampled = pair_payoffs(self.task, one, two, games, seed)
-        if can_solve(self.task, one, two, most):
-            return PairResult(match(self.task, one, two, most=most).payoff, 0.0, sampled)
+        exact = exact_match(self.task, {"chaser": one, "evader": two}, most)
+        if exact is not None:
+            return PairResult(exact.payoff, 0.0, sampled)
         return PairResult(float(sampled.mean()), half_width(sampled), sampled)
 
     @property
@@ -343,12 +339,11 @@ class MazeSides(Sides):
                 contest = TeamContest(self.task, role, {other.role: other.policy}, **how)
                 best = contest.best
                 for entry in [entry for entry in entries if entry.role == role]:
-                    at = (
-                        (entry.name, other.name)
-                        if role == OPPOSING_ROLES[0]
-                        else (other.name, entry.name)
+                    names = {role: entry.name, other.role: other.name}
+                    place = (
+                        table.chasers.index(names["chaser"]),
+                        table.evaders.index(names["evader"]),
                     )
-                    place = table.chasers.index(at[0]), table.evaders.index(at[1])
                     payoff = float(table.shown[place])
                     gap = None if best is None else contest.measure.gap(payoff, best)
                     rows.append(

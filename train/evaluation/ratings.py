@@ -133,7 +133,7 @@ def _widest(
 
 
 def best_response_cycle(
-    payoff: NDArray[np.float64], ci95: NDArray[np.float64] | None = None
+    payoff: NDArray[np.float64], ci95: NDArray[np.float64]
 ) -> list[tuple[str, int]]:
     """A cycle of best responses, each to the previous one; empty if they reach an equilibrium.
 
@@ -144,8 +144,7 @@ def best_response_cycle(
     Returns:
         ("chaser", i) and ("evader", j) in turn: at least four of them.
     """
-    doubt = np.zeros_like(payoff) if ci95 is None else ci95
-    lowest, highest = payoff - doubt, payoff + doubt
+    lowest, highest = payoff - ci95, payoff + ci95
     settled = (highest >= lowest.max(axis=1, keepdims=True)) & (lowest <= highest.min(axis=0))
     if settled.any():
         return []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -24,10 +24,8 @@ from train.evaluation.scores import (
     Contest,
     FunctionActions,
     Measure,
-    Reference,
     Score,
     label_of,
-    strongest_reference,
 )
 from train.evaluation.text_replay import add_text_episodes
 from train.files import Plain
@@ -54,6 +52,7 @@ class ReturnContest(Contest[Any, Any]):
         random: the random policy of the agent; or why there is none.
     """
 
+    measure: ClassVar[Measure] = BY_RETURN
     success: ClassVar[str] = "ended"
 
     task: Any
@@ -69,11 +68,6 @@ class ReturnContest(Contest[Any, Any]):
     def simulator(self) -> type[Batch[Any]]:
         """As `Contest`."""
         return self.batch
-
-    @property
-    def measure(self) -> Measure:
-        """As `Contest`."""
-        return BY_RETURN
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -138,9 +132,8 @@ class ReturnContest(Contest[Any, Any]):
 
     def _sampled(self, name: str, policy: Any) -> Score:
         lengths, ended, returns = self.played_out(policy)
-        mean, share, value = (float(found.mean()) for found in (lengths, ended, returns))
-        found: Any = {"mean_return": value, "value_ci95": half_width(returns)}
-        return Score(name, mean, half_width(lengths), share, len(lengths), False, **found)
+        value, half = float(returns.mean()), half_width(returns)
+        return Score.of_episodes(name, lengths, ended, mean_return=value, value_ci95=half)
 
     def played_out(
         self, policy: Any
@@ -178,10 +171,6 @@ class ReturnContest(Contest[Any, Any]):
         scores = [] if missing else [self.score("random", self.random)]
         best = self.optimum()
         return scores if best is None else [*scores, best]
-
-    def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
-        """As `Contest`."""
-        return strongest_reference(scores, learned, self.measure)
 
     def scripted(self) -> Any:
         """As `Contest`: the random policy."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -300,11 +300,7 @@ class ReturnSides(Sides):
         labels: Mapping[str, str],
     ) -> None:
         """As of `Sides`, as text."""
-        task = self.task
-
-        def start(number: int) -> Any:
-            return self.world.BATCH(task, 1, EVALUATION_SEED, number, auto_restart=False)
-
+        start = partial(self.world.BATCH, self.task, 1, EVALUATION_SEED, auto_restart=False)
         played = [policies[role] for role in self.by_agent]
         add_text_episodes(builder, start, played, games, [labels[role] for role in self.by_agent])
 

@@ -22,7 +22,7 @@ from pursuit.tasks.task import Task
 from scripted_agents.exact.references import Solution
 from scripted_agents.games.simulator import GameSimulator, StatePolicy
 from train.evaluation.departures import RATES
-from train.evaluation.games import play_out
+from train.evaluation.games import Lengths, half_width, play_out
 from train.evaluation.hidden_contest import Certificate
 from train.files import Plain
 
@@ -170,6 +170,14 @@ class Score:
     timeout_rate: float | None = None
     value_ci95: float | None = field(default=None, kw_only=True)
     apart: str = field(default="", kw_only=True)
+
+    @classmethod
+    def of_episodes(
+        cls, name: str, lengths: Lengths, won: NDArray[np.bool_], *more: Any, **others: Any
+    ) -> Score:
+        """Of sampled episodes: their lengths, whether they were won, and further attributes."""
+        mean, share = float(lengths.mean()), float(won.mean())
+        return cls(name, mean, half_width(lengths), share, len(lengths), False, *more, **others)
 
     def plain(self) -> Plain:
         """As a dict, without what there is only with exits, for optima or other measures."""
@@ -388,11 +396,6 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         solutions of whole games; for measurements of the time that evaluations take."""
         return self
 
-    @property
-    def by_maze(self) -> Any:
-        """The evaluation in each of several mazes, a `SuiteContest`; None for any other."""
-        return None
-
     # -- what is said of the game --------------------------------------------------------------
 
     @property
@@ -446,9 +449,9 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def baselines(self) -> list[Score]:
         """The references: random, scripted and, if known, optimal."""
 
-    @abstractmethod
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:
         """The reference for `learned` among these scores; None if there is none."""
+        return strongest_reference(scores, learned, self.measure)
 
     def certificate(self) -> Certificate | None:
         """The proven interval of the optimum, under a limited view; None if there is none."""

@@ -42,7 +42,7 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     In mazes above `MAX_GAME_CELLS` cells only "nash_conv", which does not need the game's value.
     """
     pair = {"chaser": chaser, "evader": evader}
-    kind = solution_of(Question(task, None, pair, MAX_EXACT_WORK), NASH_CONVS).kind
+    kind = nash_conv_solver(task, pair)
     if kind == "duel":
         tables = table_in(task, chaser), table_in(task, evader)
         game = (task.mazes[0], *tables, discount, order_of(task))
@@ -64,11 +64,10 @@ def exploited(task: Task, chaser: Policy, evader: Policy, discount: float) -> di
     }
 
 
-def has_nash_conv(task: Task, chaser: Policy, evader: Policy) -> bool:
-    """Whether `exploited` is exact: in small duels and teams against one evader, and in small games
-    with exits."""
-    asked = Question(task, None, {"chaser": chaser, "evader": evader}, MAX_EXACT_WORK)
-    return solution_of(asked, NASH_CONVS).kind != "none"
+def nash_conv_solver(task: Task, pair: Mapping[str, Policy]) -> str:
+    """The kind of solver of `exploited`: for small duels and teams against one evader, and for
+    small games with exits; else "none"."""
+    return solution_of(Question(task, None, pair, MAX_EXACT_WORK), NASH_CONVS).kind
 
 
 def option_nash_conv(task: Task, pair: Mapping[str, Policy], discount: float) -> JointNashConv:

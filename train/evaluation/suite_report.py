@@ -96,7 +96,7 @@ def generalisation(seen: Plain, unseen: Plain) -> Plain:
     return {"seen": seen, "unseen": unseen, "lost": lost}
 
 
-def kind_table(rows: Sequence[Plain], name: str = "learned") -> ResultTable:
+def kind_table(rows: Sequence[Plain]) -> ResultTable:
     """Means over the mazes of each kind."""
     kinds: dict[str, list[Plain]] = {}
     for row in rows:
@@ -111,8 +111,8 @@ def kind_table(rows: Sequence[Plain], name: str = "learned") -> ResultTable:
         numeric("mazes", "mazes"),
         numeric("loops", "loops", ".1f"),
         numeric("optimum", "optimal_steps", ".2f"),
-        numeric("steps", f"{name}_steps", ".2f"),
-        numeric("success", f"{name}_success", ".2f", 100, " %"),
-        numeric("gap", f"{name}_gap", "+.2f", 100, " %"),
+        numeric("steps", "learned_steps", ".2f"),
+        numeric("success", "learned_success", ".2f", 100, " %"),
+        numeric("gap", "learned_gap", "+.2f", 100, " %"),
     ]
     return ResultTable(found, columns)

@@ -9,7 +9,6 @@ from functools import cached_property
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
 from scripted_agents import JointResponse, evaluate_joint, solve_joint
-from scripted_agents.exact.hidden.limited_view_policies import limited_references
 from scripted_agents.exact.joint.opponents import why_no_distribution
 from scripted_agents.exact.limits import work_of
 from scripted_agents.exact.long_work import OutOfTime, why_no_time
@@ -60,11 +59,6 @@ class TeamContest(GameContest):
         """As `MazeContest`."""
         return f"team of {len(self.seats)} {self.agent}s"
 
-    @property
-    def teammates(self) -> dict[str, str]:
-        """As `MazeContest`; none, as the evaluated policy plays all of them."""
-        return {}
-
     def with_policy(self, policy: Policy) -> dict[str, Policy]:
         """As `MazeContest`."""
         others = {n: own for n, own in self.opponents.items() if n.split("_")[0] != self.agent}
@@ -74,12 +68,6 @@ class TeamContest(GameContest):
     def exact_reference(self) -> Solution:
         """As `Contest`, for the team as one player."""
         return reference_of(self.task, self.agent, self.opponents, self.most_work, team=True)
-
-    @property
-    def limited(self) -> dict[str, Policy]:
-        """As `MazeContest`."""
-        seat = next((s for s in self.seats if self.task.hides_from(s)), self.seat)
-        return limited_references(self.task, seat, self.opponents)
 
     # -- exact solutions -----------------------------------------------------------------------
 

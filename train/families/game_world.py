@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, ClassVar
 
 from pursuit.validation import Missing, check
@@ -102,11 +103,8 @@ def policies_by_name(
         makers: by name (task, agent or role, share of random moves) -> the policy.
     """
 
-    def role_of(policy: Any) -> str:
-        return str(policy.seat.role)
-
     def placed(policy: Any, task: Any, role: str, name: str, epsilon: float) -> Any:
-        own = role_of(policy)
+        own = policy.seat.role
         check(own == role, f"{name}: is a policy of {own}, not of {role}; give another")
         check(policy.task == task, f"{name}: was trained in {policy.task}, not in {task}")
         check(epsilon == 0.0, f"{name} with opponent_epsilon={epsilon}; leave it out")
@@ -119,6 +117,6 @@ def policies_by_name(
         lambda name, task, agent, epsilon: makers[name](task, agent, epsilon),
         lambda name, task: tuple(dict.fromkeys(task.seat_roles)),
         placed,
-        role_of,
+        attrgetter("seat.role"),
         NO_MODELS,
     )

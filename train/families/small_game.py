@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, ClassVar
 
 from pursuit.validation import check
@@ -79,13 +80,9 @@ def placed(policy: Any, task: GameTask, player: str, name: str, epsilon: float) 
     return TableAgent(task, player, policy.table(task), epsilon, policy.name)
 
 
-def player_of(policy: Any) -> str:
-    """The player of a learned policy."""
-    return str(policy.agent)
-
-
+PLAYER_OF = attrgetter("agent")
 SMALL_GAME_POLICIES = NamedPolicies(
-    SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, player_of, NO_MODELS
+    SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, PLAYER_OF, NO_MODELS
 )
 SmallGameWorld.POLICIES = SMALL_GAME_POLICIES
 FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, SMALL_GAME_POLICIES, SmallGameSides)

@@ -17,7 +17,7 @@ from pursuit.reacher.task import ReacherTask
 from pursuit.rules.arrays import Array
 from train.networks.features import Features, features_for
 from train.networks.layers import float32_inference
-from train.networks.policy import ActionNetwork, PolicyNetwork
+from train.networks.policy import ActionNetwork, PolicyNetwork, logits_of
 from train.networks.recurrent_policy import chosen_from, probabilities_of
 from train.networks.seat import Seat
 
@@ -104,15 +104,14 @@ class ArmNetworkPolicy:
                 f"{own.discrete_actions}; the arm has {task.joints} joint(s), discrete_actions="
                 f"{task.discrete_actions}; use the arm of the training"
             )
-        observed = torch.from_numpy(view.observe(self.seat.encoding))
-        device = next(self.network.parameters()).device
+        observed = view.observe(self.seat.encoding)
+        if not self.seat.continuous:
+            chances = probabilities_of(logits_of(self.network, observed), None, self.greedy)
+            draws = None if self.greedy else view.uniform()
+            return task.actions_of(chosen_from(chances, draws))
+        device, noise = next(self.network.parameters()).device, None
+        if not self.greedy:
+            noise = torch.from_numpy(view.normal()).float().to(device)
         with float32_inference(self.network):
-            if self.seat.continuous:
-                noise = None
-                if not self.greedy:
-                    noise = torch.from_numpy(view.normal()).float().to(device)
-                acted: torch.Tensor = self.network.act(observed.to(device), noise)
-                return acted.double().clamp(-1.0, 1.0).cpu().numpy()
-            logits = self.network.logits(observed.to(device))
-        draws = None if self.greedy else view.uniform()
-        return task.actions_of(chosen_from(probabilities_of(logits, None, self.greedy), draws))
+            acted: torch.Tensor = self.network.act(torch.from_numpy(observed).to(device), noise)
+        return acted.double().clamp(-1.0, 1.0).cpu().numpy()

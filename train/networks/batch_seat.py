@@ -8,16 +8,14 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from pursuit.observations.custom import AGENT_ID
 from pursuit.rules.arrays import Array
 from pursuit.simulator.batch import SeatView
 from pursuit.validation import check
-from train.networks.features import Features, features_for
-from train.networks.layers import float32_inference
-from train.networks.policy import PolicyNetwork
+from train.networks.features import Features, features_between
+from train.networks.policy import PolicyNetwork, logits_of
 from train.networks.recurrent_policy import chosen_from, probabilities_of
 from train.networks.seat import Seat
 from train.settings.algorithms import STATE
@@ -59,16 +57,6 @@ class BatchSeat(Seat):
         )
 
     @property
-    def role(self) -> str:
-        """The role of the agent."""
-        return str(self.task.seat_roles[self.number])
-
-    @property
-    def team_size(self) -> int:
-        """As of `Seat`."""
-        return int(self.task.seat_roles.count(self.role))
-
-    @property
     @abstractmethod
     def limits(self) -> tuple[Array, Array]:
         """The least and the largest observation [*shape]."""
@@ -102,12 +90,12 @@ class BatchSeat(Seat):
     @cached_property
     def features(self) -> Features:
         """The features of its observation."""
-        return _features(self.bounds(), self.network)
+        return features_between(*self.bounds(), self.network)
 
     @cached_property
     def critic_features(self) -> Features | None:
         """As of `Seat`."""
-        return _features(self.critic_bounds(), "auto") if self.critic else None
+        return features_between(*self.critic_bounds(), "auto") if self.critic else None
 
     def critic_bounds(self, batch: Any = None) -> tuple[Array, Array]:
         """As of `Seat`: those of all agents, then of the number within the role."""
@@ -127,14 +115,6 @@ class BatchSeat(Seat):
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> BatchPolicy:
         """A policy with this network."""
         return BatchPolicy(network, self, greedy)
-
-
-def _features(ends: tuple[Array, Array], network: str) -> Features:
-    """The features of observations between these ends."""
-    low, high = ends
-    largest = np.maximum(np.maximum(np.abs(low), np.abs(high)).astype(np.float64), 1e-6)
-    kind: Any = "planes" if low.ndim == 3 else "flat"
-    return features_for(Features(kind, low.shape, largest), network)
 
 
 class BatchPolicy:
@@ -169,10 +149,7 @@ class BatchPolicy:
             f"this policy was trained in game {self.task.name!r}, not in {view.task.name!r}; use "
             "it there",
         )
-        device = next(self.network.parameters()).device
-        with float32_inference(self.network):
-            logits = self.network.logits(torch.from_numpy(observed).to(device))
-        allowed = None
+        logits, allowed = logits_of(self.network, observed), None
         if self.seat.has_masks:
             allowed = view.of(lambda batch: self.seat.allowed(batch, own)[:, 0])
         return probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)

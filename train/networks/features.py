@@ -84,6 +84,13 @@ def features_of(encoder: Encoder, num_agents: int) -> Features:
     return Features("index", shape, high, np.concatenate([rows, [num_rows], ids]), num_rows)
 
 
+def features_between(low: NDArray[Any], high: NDArray[Any], network: str) -> Features:
+    """The features, for a network by name, of numbers between these ends [*shape]."""
+    largest = np.maximum(np.maximum(np.abs(low), np.abs(high)).astype(np.float64), 1e-6)
+    kind: Literal["planes", "flat"] = "planes" if low.ndim == 3 else "flat"
+    return features_for(Features(kind, low.shape, largest), network)
+
+
 def features_for(features: Features, network: str) -> Features:
     """The features for a network, by its name in the settings."""
     if network not in SEEN_AS:

@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from train.networks.features import Features
+from train.networks.layers import one_hot_sum
 from train.networks.policy import PolicyNetwork
 
 
@@ -21,20 +22,15 @@ class FlatInputs(nn.Module):
         super().__init__()
         self.dims, self.indexed = len(features.shape), features.kind == "index"
         self.size = features.num_rows if self.indexed else prod(features.shape)
-        high = torch.as_tensor(features.high, dtype=torch.float32).reshape(-1).clamp(min=1.0)
-        self.scaled = bool((high > 1.0).any())
+        high = torch.as_tensor(features.high, dtype=torch.float32).reshape(-1)
         self.register_buffer("rows", torch.from_numpy(features.rows), False)
-        self.register_buffer("scale", 1.0 / high, False)
+        self.register_buffer("scale", 1.0 / high.clamp(min=1.0), False)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., size] of [..., *shape]."""
-        if not self.indexed:
-            flat = observation.flatten(-self.dims).float()
-            return flat * self.scale if self.scaled else flat
-        rows = self.rows[observation.long()]
-        summed = torch.zeros(*rows.shape[:-1], self.size + 1, device=rows.device)
-        summed.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
-        return summed[..., : self.size]
+        if self.indexed:
+            return one_hot_sum(self.rows[observation.long()], self.size)
+        return observation.flatten(-self.dims).float() * self.scale
 
 
 class FlatNetwork(nn.Module):

@@ -49,9 +49,9 @@ class FrameStack:
     def __init__(self, features: Features, count: int) -> None:
         self.count, self._one = count, features.shape
         self.shape = stacked(features, count).shape
-        self._index = features.kind == "index"
-        self._offsets = _offsets(features, count) if self._index else None
-        self._empty = len(features.rows) - 1 if self._index else 0
+        index = features.kind == "index"
+        self._offsets = _offsets(features, count) if index else None
+        self._empty = len(features.rows) - 1 if index else 0
 
     def empty_frames(self, games: int, dtype: np.dtype[Any]) -> Observations:
         """[games, count, *shape of one], all empty."""

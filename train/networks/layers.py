@@ -53,6 +53,13 @@ class Hidden:
     recurrent: str | None = None
 
 
+def one_hot_sum(rows: torch.Tensor, num_rows: int) -> torch.Tensor:
+    """[..., num_rows]: the sum of one-hot vectors of rows [..., numbers]; `num_rows` is no row."""
+    one_hot = torch.zeros(*rows.shape[:-1], num_rows + 1, device=rows.device)
+    one_hot.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
+    return one_hot[..., :num_rows]
+
+
 class IndexLayer(nn.Module):
     """A linear layer for "index": the sum of the rows that an observation selects, and a bias.
 
@@ -81,11 +88,7 @@ class IndexLayer(nn.Module):
         Without `learning` always the rows.
         """
         rows = self.rows[observation.long()]
-        if self.form == "bag" or not learning:
-            return rows
-        one_hot = torch.zeros(*rows.shape[:-1], self.num_rows + 1, device=rows.device)
-        one_hot.scatter_add_(-1, rows, torch.ones((), device=rows.device).expand(rows.shape))
-        return one_hot[..., : self.num_rows]
+        return rows if self.form == "bag" or not learning else one_hot_sum(rows, self.num_rows)
 
     def forward(self, prepared: torch.Tensor) -> torch.Tensor:
         """[..., width]."""

@@ -72,7 +72,7 @@ class StateNumbers(SeatNumbering):
     """
 
     def __init__(self, task: Task, agent: str = "", mask_bumps: bool = False) -> None:
-        self.task, self.agent, self.mask_bumps = task, agent, mask_bumps
+        self.task, self.agent = task, agent
         if len(task.mazes) != 1:
             raise ValueError(
                 f"q_learning needs a single maze, but this task has {len(task.mazes)}; use one "
@@ -102,7 +102,7 @@ class StateNumbers(SeatNumbering):
 
     def policy(self, q_values: NDArray[np.float64]) -> QTablePolicy:
         """As of `SeatNumbering`."""
-        return QTablePolicy(self.task, self.agent, q_values, self.mask_bumps)
+        return QTablePolicy(self, q_values)
 
     def check(self, discount: float) -> None:
         """As of `SeatNumbering`: not for drawn exits, turns, limited views, unbounded values."""
@@ -130,17 +130,13 @@ class QTablePolicy:
     """The greedy policy of a table; it follows changes of the table.
 
     Args:
-        task: the task that it was learned in.
-        agent: name or role.
+        numbers: the states of the task that it was learned in.
         q_values: [states, actions] float64.
-        mask_bumps: whether moves into walls are masked.
     """
 
-    def __init__(
-        self, task: Task, agent: str, q_values: NDArray[np.float64], mask_bumps: bool = False
-    ) -> None:
-        self.task, self.agent, self.q_values = task, agent, q_values
-        self.numbers = StateNumbers(task, agent, mask_bumps)
+    def __init__(self, numbers: StateNumbers, q_values: NDArray[np.float64]) -> None:
+        self.task, self.agent = numbers.task, numbers.agent
+        self.numbers, self.q_values = numbers, q_values
 
     def _best(self, games: Games, number: int) -> NDArray[np.int64]:
         """[games] the best allowed action of the agent with index `number`."""

@@ -67,6 +67,13 @@ class ActionNetwork(Network, Protocol):
         """
 
 
+def logits_of(network: PolicyNetwork, observations: Observations) -> torch.Tensor:
+    """[..., actions] from observations [..., *shape], in float32 on the device of the network."""
+    device = next(network.parameters()).device
+    with float32_inference(network):
+        return network.logits(torch.from_numpy(observations).to(device))
+
+
 @dataclass(frozen=True)
 class MazeSeat(Seat):
     """An agent of a task in mazes, or any agent of a role.
@@ -97,16 +104,6 @@ class MazeSeat(Seat):
     critic: str = ""
     NO_NUMBERS: ClassVar[str] = ""
     NO_TEAM: ClassVar[bool] = False
-
-    @property
-    def role(self) -> str:
-        """The role of the agent."""
-        return self.task.seat_roles[self.number]
-
-    @property
-    def team_size(self) -> int:
-        """As of `Seat`."""
-        return self.task.count(self.role)
 
     @property
     def num_actions(self) -> int:
@@ -149,10 +146,9 @@ class MazeSeat(Seat):
         return features_for(stacked(self.seen, self.frame_stack), self.network)
 
     @cached_property
-    def critic_encoder(self) -> Encoder | None:
-        """The encoding of the central critic's observation, of the task with full views."""
-        if not self.critic:
-            return None
+    def critic_encoder(self) -> Encoder:
+        """The encoding of the central critic's observation, of the task with full views; asked only
+        where there is one."""
         full = replace(self.task, view_radius=None, line_of_sight=False, unknown_maze=False)
         encoding = f"index{AGENT_ID}" if self.critic == STATE else self.critic
         return Encoder(full, encoding, dtype_of(encoding))
@@ -160,19 +156,16 @@ class MazeSeat(Seat):
     @cached_property
     def critic_features(self) -> Features | None:
         """The features of the central critic's observation; None without one."""
-        encoder = self.critic_encoder
-        if encoder is None:
+        if not self.critic:
             return None
-        return features_for(features_of(encoder, self.task.num_agents), "auto")
+        return features_for(features_of(self.critic_encoder, self.task.num_agents), "auto")
 
     def critic_bounds(self, batch: Simulator) -> tuple[Array, Array]:
         """As of `Seat`."""
-        assert self.critic_encoder is not None
         return self.critic_encoder.space.low, self.critic_encoder.space.high
 
     def critic_observations(self, batch: Simulator) -> Observations:
         """As of `Seat`."""
-        assert self.critic_encoder is not None
         games, first, last = batch.games, self.number, self.number + self.members
         if self.critic != STATE:
             return self.critic_encoder.encode(games, slice(first, last))
@@ -275,9 +268,7 @@ class NetworkPolicy:
             observations: [..., *shape].
             allowed: [..., actions], the action mask; None allows all.
         """
-        device = next(self.network.parameters()).device
-        with float32_inference(self.network):
-            logits = self.network.logits(torch.from_numpy(observations).to(device))
+        logits = logits_of(self.network, observations)
         return probabilities_of(logits, allowed, self.greedy, self.seat.min_probability)
 
     def act(self, view: GameView) -> NDArray[np.int32]:
@@ -310,15 +301,6 @@ class NetworkPolicy:
         """
         self._check(view, observations)
         return chosen_from(self.probabilities(observations, allowed), draws)
-
-    def table_rows(self, task: Any) -> int | None:
-        """The number of rows of `state_table` in the games of a task; None if it has none there."""
-        return None
-
-    def state_table(self, task: Any) -> NDArray[np.float64]:
-        """[states, actions] float64: the action probabilities in every state of the games of a
-        task, in the order of `table_rows_of` of their views."""
-        raise ValueError(f"a policy that observes {self.encoding!r} has no table of states")
 
     def _check(self, view: GameView, observations: Observations) -> None:
         """ValueError unless the observations have the form of those in training."""
@@ -410,7 +392,8 @@ class LearnedPolicy(NetworkPolicy):
         return probabilities.reshape(size, size, task.num_actions)
 
     def table_rows(self, task: Task) -> int | None:
-        """As of `NetworkPolicy`: the pairs of cells of a duel in one maze."""
+        """The number of rows of `state_table` in the games of a task: the pairs of cells of a duel
+        in one maze; None if it has none there."""
         own, maze = self.task, task.mazes[0]
         fits = task.is_duel and own.is_duel and len(task.mazes) == 1
         if not fits or own.stay_action != task.stay_action or not self.plays_in(maze):
@@ -418,7 +401,8 @@ class LearnedPolicy(NetworkPolicy):
         return maze.num_cells**2
 
     def state_table(self, task: Task) -> NDArray[np.float64]:
-        """As of `NetworkPolicy`."""
+        """[states, actions] float64: the action probabilities in every state of the games of a
+        task, in the order of `table_rows_of` of their views."""
         table = self.action_probabilities(task.mazes[0], task.stay_action)
         return table.reshape(-1, table.shape[-1])
 

@@ -54,13 +54,13 @@ class Seat(ABC):
 
     @property
     def role(self) -> str:
-        """The role of the agent."""
-        return self.agent
+        """The role of the agent; its name where agents have no roles."""
+        return str(self.task.seat_roles[self.number])
 
     @property
     def team_size(self) -> int:
         """The number of agents with its role, including itself."""
-        return 1
+        return int(self.task.seat_roles.count(self.role))
 
     @property
     def members(self) -> int:

@@ -15,7 +15,7 @@ from pursuit.rules.layout import empty_games
 from pursuit.validation import Plain, check, text_of
 from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import INDEX, GameSimulator, GameTask, StateView
-from train.networks.features import Features, features_for
+from train.networks.features import Features, features_between, features_for
 from train.networks.numbering import SeatNumbering
 from train.networks.policy import NUMBERS_AT_ONCE, NetworkPolicy, PolicyNetwork
 from train.networks.seat import Seat
@@ -97,13 +97,11 @@ class SmallGameSeat(Seat):
     @cached_property
     def features(self) -> Features:
         """The features of its observation."""
-        shape, states = self.observed.shape[1:], self.task.game.num_states
-        if self.encoding == INDEX:
-            high = np.array([states - 1], dtype=np.int32)
-            seen = Features("index", shape, high, np.arange(states + 1), states)
-        else:
-            largest = np.maximum(np.abs(self.observed).max(axis=0), 1e-6)
-            seen = Features("planes" if len(shape) == 3 else "flat", shape, largest)
+        low, high = self.observed.min(axis=0), self.observed.max(axis=0)
+        if self.encoding != INDEX:
+            return features_between(low, high, self.network)
+        states = self.task.game.num_states
+        seen = Features("index", high.shape, high, np.arange(states + 1), states)
         return features_for(seen, self.network)
 
     def policy(self, network: PolicyNetwork, greedy: bool = True) -> SmallGamePolicy:
@@ -132,11 +130,11 @@ class SmallGamePolicy(NetworkPolicy):
         return found
 
     def table_rows(self, task: GameTask) -> int:
-        """As of `NetworkPolicy`: the states of the game."""
+        """As of `LearnedPolicy`: the states of the game."""
         return task.game.num_states
 
     def state_table(self, task: GameTask) -> NDArray[np.float64]:
-        """As of `NetworkPolicy`."""
+        """As of `LearnedPolicy`."""
         return self.state_probabilities()
 
     def table(self, task: GameTask) -> NDArray[np.float64]:

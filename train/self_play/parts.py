@@ -56,21 +56,6 @@ class SelfPlayParts:
     frozen: dict[str, Any]
     scripted: dict[tuple[str, str], Any]
 
-    @property
-    def task(self) -> Any:
-        """The game that is played."""
-        return self.game.task
-
-    @property
-    def discount(self) -> float:
-        """Of the exact game."""
-        return self.game.discount
-
-    @property
-    def roles(self) -> tuple[str, ...]:
-        """The roles, whether they learn or not."""
-        return self.game.roles
-
 
 def game_of_all(given: Any, discount: float = 1.0) -> Sides:
     """The game of all sides of a task; ValueError where it has none."""

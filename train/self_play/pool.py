@@ -185,10 +185,10 @@ class OpponentPool:
             if path.name not in kept:
                 path.unlink()
 
-    def note(self, member: int, scores: NDArray[np.float64]) -> None:
-        """Record scores in [0, 1] of episodes of the learner against one member."""
-        one = self.members[member]
-        for score in scores.tolist():
+    def note(self, opponents: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
+        """Record scores [n] in [0, 1] of episodes of the learner against members by index [n]."""
+        for opponent, score in zip(opponents.tolist(), scores.tolist(), strict=True):
+            one = self.members[opponent]
             one.games += 1.0
             one.score += (score - one.score) / min(one.games, MEMORY)
 

@@ -102,8 +102,8 @@ def snapshots_league(trainee: SelfPlay, policies: Mapping[str, Any]) -> LeagueTa
     """A league of snapshots of both sides, from old to new, and of the current policies."""
     entries = []
     for role in trainee.game.roles:
-        kept = trainee.pools[role].snapshots if role in trainee.pools else []
-        entries += [Entry(one.name, role, one.policy) for one in spread(kept, SNAPSHOTS)]
+        kept = spread(trainee.pools[role].snapshots, SNAPSHOTS)
+        entries += [Entry(one.name, role, one.policy) for one in kept]
         entries.append(Entry("now", role, policies[role]))
     return play_league(trainee.game, entries, GAMES, 0, MAX_EXACT_WORK)  # many pairs
 

@@ -19,7 +19,7 @@ from train.environments.hooks import EpisodeHook
 from train.networks.seat import Seat
 from train.runs.folder import check_learned, game_digest
 from train.runs.training_state import restore_simulator, simulator_tensors
-from train.self_play.pool import OpponentPool, PoolPolicy
+from train.self_play.pool import PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import StateDict
 
@@ -84,7 +84,7 @@ class Opponents(EpisodeHook):
         """Record the learner's scores against the opponents of these games."""
         scores = self.game.scores(self.simulator, self.role, games)
         for policy in self.policies.values():
-            note(policy.pool, policy.opponents[games], scores)
+            policy.pool.note(policy.opponents[games], scores)
 
     def opponent_tables(self) -> OpponentTables | None:
         """As of `EpisodeHook`, where there is one opponent and all of its pool have tables."""
@@ -99,13 +99,7 @@ class Opponents(EpisodeHook):
     def note_episodes(self, members: NDArray[np.int64], returns: NDArray[np.float64]) -> None:
         """Record the learner's scores in these episodes."""
         (policy,) = self.policies.values()
-        note(policy.pool, members, self.game.scores_of_returns(self.role, returns))
-
-
-def note(pool: OpponentPool, members: NDArray[np.int64], scores: NDArray[np.float64]) -> None:
-    """Record scores [n] against members [n] of a pool."""
-    for member in np.unique(members).tolist():
-        pool.note(member, scores[members == member])
+        policy.pool.note(members, self.game.scores_of_returns(self.role, returns))
 
 
 @dataclass(frozen=True)
@@ -205,11 +199,6 @@ class Side:
     def greedy(self) -> bool:
         """Whether it plays greedily during training: for algorithms without a distribution."""
         return not self.parts.algorithm.learns_distribution
-
-    def evaluated_policy(self) -> Policy:
-        """The policy with averaged weights (or the last ones, by the settings), in float32 and
-        without improbable actions."""
-        return self.policy_with(self.parts.average, self.parts.min_probability)
 
     def policy_with(self, average: bool, least: float) -> Policy:
         """The policy with the averaged or the last weights, which does not play actions of a

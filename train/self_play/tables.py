@@ -53,7 +53,7 @@ class CellTables:
 
         Args:
             policies: the members, None for those not in memory; all but the first never change.
-                Those with a `state_table` in the task have tables (as of `NetworkPolicy`).
+                Those with a `state_table` in the task have tables (as of `LearnedPolicy`).
             task: of the games.
         """
         key = tuple(map(id, policies))
@@ -95,7 +95,8 @@ class CellTables:
         tables: list[NDArray[np.float64]] = []
         self._places = np.full(len(policies), -1)
         for number, policy in enumerate(policies):
-            rows = row_count(policy, task)
+            counted = getattr(policy, "table_rows", None)  # policies need not have tables
+            rows = None if counted is None else counted(task)
             if rows is not None and rows <= (MAX_ROWS if number else min(self.worth, MAX_ROWS)):
                 self._places[number] = len(tables)
                 if number == 0:
@@ -104,12 +105,6 @@ class CellTables:
                 table = known.get(id(policy)) if number else None
                 tables.append(_table_of(policy, task) if table is None else table)
         self.cumulative = np.stack(tables) if tables else np.empty((0, 0, 0))
-
-
-def row_count(policy: Any, task: Rules) -> int | None:
-    """The number of rows of the table of a policy in a task; None if it has none."""
-    counted = getattr(policy, "table_rows", None)  # of networks; others need not have tables
-    return None if counted is None else counted(task)
 
 
 def _version_of(weights: Sequence[Tensor]) -> int:

@@ -66,10 +66,10 @@ class SelfPlay:
         self.parts, self.folder = parts, folder
         self.sides: dict[str, Side] = {}
         for role, own in parts.sides.items():
-            others = [other for other in parts.roles if other != role]
+            others = [other for other in parts.game.roles if other != role]
             saved = None if state is None else state["sides"][role]
-            self.sides[role] = Side(own, parts.roles.index(role), others, saved)
-        self.pools = {role: self._pool(role) for role in parts.roles}
+            self.sides[role] = Side(own, parts.game.roles.index(role), others, saved)
+        self.pools = {role: self._pool(role) for role in parts.game.roles}
         for side in self.sides.values():
             for other, policy in side.opponents.policies.items():
                 policy.pool = self.pools[other]
@@ -85,14 +85,9 @@ class SelfPlay:
         self.objective = self.game.objective(self.policies)
 
     @property
-    def task(self) -> Any:
-        """The game that is played."""
-        return self.game.task
-
-    @property
     def policies(self) -> dict[str, Any]:
         """The policies that are evaluated, by role."""
-        return {role: self.policy(role) for role in self.parts.roles}
+        return {role: self.policy(role) for role in self.game.roles}
 
     @property
     def profile(self) -> Profile:
@@ -115,19 +110,18 @@ class SelfPlay:
                 pool.add_scripted(name, self.parts.scripted[name, role])
         return pool
 
-    def line(self) -> str:
-        """The game in one line of text."""
-        return self.game.line()
-
     @property
     def frames(self) -> int:
         """Steps of all learning agents."""
         return sum(side.learner.frames for side in self.sides.values())
 
     def policy(self, role: str) -> Any:
-        """The policy of a role that is evaluated (see `Side.evaluated_policy`)."""
-        side = self.sides.get(role)
-        return self.parts.frozen[role] if side is None else side.evaluated_policy()
+        """The policy of a role that is evaluated: with averaged weights (or the last ones, by the
+        settings), in float32 and without improbable actions."""
+        if role not in self.sides:
+            return self.parts.frozen[role]
+        own = self.parts.sides[role]
+        return self.sides[role].policy_with(own.average, own.min_probability)
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of every learner; adds snapshots when they are due."""
@@ -214,7 +208,7 @@ class SelfPlay:
             "algorithm": ", ".join(side.parts.algorithm.name for side in sides),
             "sampling": self.settings.sampling,
             "seed": self.settings.seed,
-            "discount": self.parts.discount,
+            "discount": self.game.discount,
             "precision": sides[0].parts.build.precision,
             "update": ", ".join(updates),
             "evaluation": evaluation,

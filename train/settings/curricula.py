@@ -32,6 +32,8 @@ class CurriculumSettings(Settings):
 
     schedule_unit = "share"
     """Unit of the schedule, if there is one; without annotation it is no field."""
+    solved_within = 0.0
+    """An episode is a success within this many times the optimum; 0: as the task defines it."""
 
     def build(self, axis: Any, seed: int) -> Curriculum:
         """A new curriculum over the values of an `Axis`, or over levels if that is None."""
@@ -41,11 +43,6 @@ class CurriculumSettings(Settings):
     def curriculum_mazes(self) -> str | None:
         """The mazes that it names; None for one that names none."""
         return None
-
-    @property
-    def solved_within(self) -> float:
-        """An episode is a success within this many times the optimum; 0: as the task defines it."""
-        return 0.0
 
     @property
     def needs_optimum(self) -> bool:

@@ -75,11 +75,9 @@ def unnested_sides(given: Mapping[str, object], roles: Sequence[str] = OPPOSING_
 def sides_in(plain: Mapping[str, Any]) -> Mapping[str, Any]:
     """By role how it learns or its fixed policy, in the plain settings of a run of self-play."""
     players = plain.get("players")
-    return (
-        players
-        if isinstance(players, Mapping)
-        else {role: plain.get(role) for role in OPPOSING_ROLES}
-    )
+    if isinstance(players, Mapping):
+        return players
+    return {role: plain.get(role) for role in OPPOSING_ROLES}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -337,10 +337,8 @@ def learning_agent(task: str, role: str) -> str:
     return "runner" if task in ("maze", "race") else "chaser"
 
 
-@lru_cache(maxsize=4)
-def _built_once(name: str, **changed: Any) -> Task:
-    """As `make_task`: tasks are immutable, and a run needs its task in several places."""
-    return make_task(name, **changed)
+_built_once = lru_cache(maxsize=4)(make_task)
+"""Tasks are immutable, and a run needs its task in several places."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 from pursuit.mazes.maze import Maze
 from pursuit.reacher.task import ReacherTask
-from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
 from train.teaching.optimum import Optimum, arm_optimum, optimum_of
@@ -83,15 +82,11 @@ class CurriculumContext(Context):
     """A game in mazes for which a curriculum is built.
 
     Attributes:
-        task: the task of the evaluation; by default every axis ends at its settings.
-        agent: the learning agent, by name or role.
         opponents: the policy of every other role.
         opponent_epsilon: share of random moves of the scripted opponents.
-        learned_opponent: the name of an opponent that is not scripted; None without one.
     """
 
     task: Task
-    opponents: Mapping[str, Policy] = field(default_factory=dict)
     opponent_epsilon: float = 0.0
 
     @property

@@ -279,7 +279,8 @@ def test_too_many_states_and_other_games_are_refused() -> None:
     with pytest.raises(ValueError, match="one maze"):
         StateNumbers(make_task("chase", maze=("3x3", "4x4")))
     task = make_task("maze", maze="3x3", num_goals=1)
-    policy = QTablePolicy(task, "runner", np.zeros((StateNumbers(task).count, 4)))
+    numbers = StateNumbers(task, "runner")
+    policy = QTablePolicy(numbers, np.zeros((numbers.count, 4)))
     other = Simulator(make_task("maze", maze="3x3", num_goals=2))
     with pytest.raises(ValueError, match="use the same"):
         policy.act(other.view("runner"))

@@ -109,7 +109,7 @@ def test_all_players_learn_together(algorithm: str, kind: str, tmp_path: Path) -
     run = start("self-play", self_play_settings_of(**flat), tmp_path / "run")
     run.train()
     tables = {}
-    for name in run.trainee.task.agent_names:
+    for name in run.trainee.game.task.agent_names:
         policy = train.load_policy(tmp_path / "run" / name)
         task, tables[name] = policy.task, policy.table(policy.task)
         offsets = task.game.offsets(task.seat(name))

@@ -107,7 +107,8 @@ def test_a_nash_conv_under_a_limited_view_is_called_a_bound() -> None:
 
 def test_a_table_over_states_refuses_a_seat_that_does_not_see_them() -> None:
     task = make_task("chase", maze="3x3", view_radius={"chaser": 1})
-    policy = QTablePolicy(task, "chaser", np.zeros((StateNumbers(task).count, task.num_actions)))
+    numbers = StateNumbers(task, "chaser")
+    policy = QTablePolicy(numbers, np.zeros((numbers.count, task.num_actions)))
     simulator = Simulator(task, num_games=2, seed=0)
     with pytest.raises(ValueError, match="needs full observability"):
         policy.act(simulator.view("chaser"))

@@ -175,7 +175,7 @@ def test_a_bound_is_that_of_the_game_that_is_played() -> None:
     """Lifting the sight of one agent leaves that of the others as it was."""
     task = make_task("heist", maze="3x3", num_goals=1, view_radius="chaser=1,evader=2")
     limited = GameContest(task, "evader", {"chaser": AStarChaser(0.2)}, 100)
-    full = limited.with_full_view.task
+    full = limited.full.task
     assert not full.hides_from("evader") and full.hides_from("chaser")
     assert full.sight.limits[full.seat("chaser")] == task.sight.limits[task.seat("chaser")]
 

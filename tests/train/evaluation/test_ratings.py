@@ -74,7 +74,7 @@ def test_nash_averages_are_equilibria_of_random_games() -> None:
 
 def test_cycles_are_found_where_there_is_no_pure_equilibrium() -> None:
     rock = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
-    cycle = best_response_cycle(rock)
+    cycle = best_response_cycle(rock, np.zeros((3, 3)))
     assert len(cycle) == 6 and {role for role, _ in cycle} == {"chaser", "evader"}
     for (role, number), (other, answer) in zip(cycle, [*cycle[1:], cycle[0]], strict=True):
         assert role != other
@@ -82,7 +82,7 @@ def test_cycles_are_found_where_there_is_no_pure_equilibrium() -> None:
             assert rock[number, answer] == rock[number].max()
         else:
             assert rock[answer, number] == rock[:, number].min()
-    assert best_response_cycle(np.array([[3.0, 2.0], [5.0, 4.0]])) == []
+    assert best_response_cycle(np.array([[3.0, 2.0], [5.0, 4.0]]), np.zeros((2, 2))) == []
     # Within the doubts of the entries nothing speaks against an equilibrium.
     assert best_response_cycle(rock, np.full((3, 3), 1.1)) == []
 

@@ -154,7 +154,7 @@ def test_rows_and_summaries_are_of_the_same_numbers() -> None:
         / np.mean([row["optimal_steps"] for row in rows])
         - 1
     )
-    assert [row["mazes"] for row in kind_table(rows, "random").rows] == [1] * 4
+    assert [row["mazes"] for row in kind_table(rows).rows] == [1] * 4
 
 
 def test_a_policy_plays_in_mazes_that_look_like_those_of_its_training() -> None:

@@ -147,7 +147,7 @@ def test_snapshots_and_averages_hold_the_statistics(tmp_path: Path) -> None:
     side = run.trainee.sides["chaser"]
     statistics = {n: w for n, w in side.snapshot()["network"].items() if "running_mean" in n}
     assert statistics and all(w.abs().max() > 0.0 for w in statistics.values())
-    maze = run.trainee.task.mazes[0]
+    maze = run.trainee.game.task.mazes[0]
     snapshot: Any = run.trainee.pools["chaser"].snapshots[-1].policy_once()
     kept = {n for n in snapshot.network.state_dict() if "running_mean" in n}
     assert kept == set(statistics)

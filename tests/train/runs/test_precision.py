@@ -54,6 +54,6 @@ def test_so_are_those_of_self_play(tmp_path: Path) -> None:
     assert load_results(run.folder)["precision"] == stored["precision"] == "bfloat16"
     chaser, evader = (load_policy(run.folder / role, greedy=False) for role in ("chaser", "evader"))
     trainee = run.trainee
-    loaded = exploited(trainee.task, chaser, evader, trainee.parts.discount)
+    loaded = exploited(trainee.game.task, chaser, evader, trainee.parts.game.discount)
     for name, value in loaded.items():
         assert stored["evaluation"][name] == pytest.approx(value, rel=1e-6, abs=1e-7), name

@@ -24,7 +24,7 @@ def test_improbable_actions_are_not_played(tmp_path: Path) -> None:
     settings: Any = {"min_probability": 0.2, "precision": "float32", "hyper": hyper}
     run = make_run(tmp_path, frames=120_000, **settings)
     run.train()
-    maze = run.trainee.task.mazes[0]
+    maze = run.trainee.game.task.mazes[0]
     for role in OPPOSING_ROLES:
         side = run.trainee.sides[role]
         raw = side.load(side.snapshot()).action_probabilities(maze)  # type: ignore[attr-defined]
@@ -64,8 +64,8 @@ def star(tmp_path: Path) -> str:
 
 def test_defaults_leave_actions_in_a_star_graph(tmp_path: Path, star: str) -> None:
     run = make_run(tmp_path / "run", task={"maze": star, "max_steps": 5}, frames=2000)
-    maze = run.trainee.task.mazes[0]
-    moves = run.trainee.task.num_actions
+    maze = run.trainee.game.task.mazes[0]
+    moves = run.trainee.game.task.num_actions
     for role in OPPOSING_ROLES:
         assert run.trainee.sides[role].parts.min_probability == pytest.approx(0.25 / moves)
         table = run.trainee.policy(role).action_probabilities(maze)
@@ -119,7 +119,7 @@ def test_training_episodes_are_short_and_evaluations_are_not(tmp_path: Path) -> 
         run.trainee.sides["chaser"].learner.iterate(0.0)
         longest = max(longest, int(run.trainee.sides["chaser"].simulator.steps.max()))
     assert 10 < longest <= 20
-    assert run.trainee.task.max_steps == 200
+    assert run.trainee.game.task.max_steps == 200
     chosen = make_run(tmp_path / "chosen", episode_steps=7)
     assert {side.simulator.task.max_steps for side in chosen.trainee.sides.values()} == {7}
     goals = {"task": "heist", "maze": "3x3", "max_steps": 60}

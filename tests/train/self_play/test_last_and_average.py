@@ -36,7 +36,7 @@ def without(table: np.ndarray[Any, Any], least: float) -> np.ndarray[Any, Any]:
 def test_nash_conv_of_a_small_game_is_that_of_both_weights(tmp_path: Path, average: bool) -> None:
     name = "soccer(rows=2,columns=4)"
     run, results = ended(tmp_path / "run", game=name, average=average, min_probability=0.0)
-    game, discount = load_game(name), run.trainee.parts.discount
+    game, discount = load_game(name), run.trainee.parts.game.discount
     found = results["nash_conv_of"]
     for which, averaged in (("last", False), ("average", True)):
         weights = {
@@ -50,7 +50,7 @@ def test_nash_conv_of_a_small_game_is_that_of_both_weights(tmp_path: Path, avera
             policy = side.learner.policy(greedy=False)
             tables[role] = policy.state_probabilities().copy()
             side.learner.network.load_state_dict(before)
-        task = run.trainee.task
+        task = run.trainee.game.task
         for suffix, least in (("", 0.0), ("_likely", 0.05)):
             own = {role: task.flat(role, without(table, least)) for role, table in tables.items()}
             expected = nash_conv(game, own, discount).nash_conv
@@ -59,8 +59,8 @@ def test_nash_conv_of_a_small_game_is_that_of_both_weights(tmp_path: Path, avera
     played = found["average" if average else "last"]
     assert results["evaluation"]["nash_conv"] == pytest.approx(played, abs=1e-9)
     given, folder = run.trainee.settings.task, str(tmp_path / "run")
-    saved = {role: policy_of(given, folder, run.trainee.task, role) for role in "AB"}
-    tables = {role: policy.table(run.trainee.task) for role, policy in saved.items()}
+    saved = {role: policy_of(given, folder, run.trainee.game.task, role) for role in "AB"}
+    tables = {role: policy.table(run.trainee.game.task) for role, policy in saved.items()}
     assert nash_conv(game, tables, discount).nash_conv == pytest.approx(played, abs=1e-5)
 
 

@@ -107,7 +107,7 @@ def test_pools_are_bounded_and_survive_damage(tmp_path: Path) -> None:
     assert sorted(path.stem for path in tmp_path.glob("*.pt")) == sorted(
         member.name for member in pool.snapshots
     )
-    pool.note(2, np.array([1.0, 0.0, 1.0]))
+    pool.note(np.full(3, 2), np.array([1.0, 0.0, 1.0]))
     assert pool.members[2].score == pytest.approx(2 / 3)
     state, hurt = pool.state_dict(), pool.snapshots[1].name
     (tmp_path / f"{hurt}.pt").write_bytes(b"not a snapshot")

@@ -168,7 +168,7 @@ def test_payoffs_of_the_nash_mixture_are_those_of_the_discounted_game(tmp_path: 
     run = make_run(tmp_path / "run", sampling="psro", frames=8000, members=("random",))
     run.train()
     trainee = run.trainee
-    task, maze = trainee.task, trainee.task.mazes[0]
+    task, maze = trainee.game.task, trainee.game.task.mazes[0]
     chasers, evaders = (
         {member.name: member.policy for member in trainee.pools[role].members}
         for role in ("chaser", "evader")
@@ -176,7 +176,7 @@ def test_payoffs_of_the_nash_mixture_are_those_of_the_discounted_game(tmp_path: 
     assert len(trainee.payoffs.known) == len(chasers.keys() - {"latest"}) ** 2 > 4
     for (chaser, evader), payoff in trainee.payoffs.known.items():
         tables = [table_in(task, who) for who in (chasers[chaser], evaders[evader])]
-        values = exploitability(maze, *tables, discount=trainee.parts.discount).values
+        values = exploitability(maze, *tables, discount=trainee.parts.game.discount).values
         assert payoff == pytest.approx(mean_over_starts(values, maze))
 
 
@@ -341,7 +341,7 @@ def test_teams_networks_and_algorithms_of_every_kind(tmp_path: Path, changes: An
         )
         state = policy.network.state_dict()
         assert all(torch.equal(state[name], after[name]) for name in after)
-    task = run.trainee.task
+    task = run.trainee.game.task
     if not task.is_duel:
         run.trainee.settings = replace(run.trainee.settings, best_response_seconds=0.2)
         # The joint game of one evader without goals is solved; elsewhere a challenger is trained.
@@ -443,7 +443,7 @@ def test_the_former_name_of_a_sampling_rule_is_refused_with_the_new_one(
 def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str) -> None:
     given: dict[str, Any] = {"maze": "3x3", "frames": 1000, "chaser": {"algorithm": algorithm}}
     parts = self_play_parts(self_play_settings_of(**given, gamma=0.9, gamma_end=0.97))
-    assert parts.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
+    assert parts.game.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
     plain = self_play_parts(self_play_settings_of(**given))
     assert plain.discount == plain.sides["chaser"].hyper.last_gamma == QUICK.gamma
 

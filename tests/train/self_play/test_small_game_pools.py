@@ -77,7 +77,7 @@ def test_the_nash_conv_of_a_mixture_in_a_matrix_game(tmp_path: Path, sampling: s
     content = run.results(10)
     trainee, gained = run.trainee, 0.0
     for role, pool in trainee.pools.items():
-        tables = {m.name: m.policy.table(trainee.task) for m in pool.snapshots}
+        tables = {m.name: m.policy.table(trainee.game.task) for m in pool.snapshots}
         equal = dict.fromkeys(tables, 1.0 / len(tables))
         shares = trainee.mixtures[role] if sampling != "uniform" else equal
         mixture = np.sum([shares[name] * table for name, table in tables.items()], axis=0)

@@ -69,7 +69,7 @@ def test_teams_with_limited_views_end_with_results(
             assert "RecurrentPolicy of" in found["reason"] and not found["exact"]
             assert "Best known with these views" in told
     if recurrent is None:
-        found, task = content["team"]["chaser"], run.trainee.task
+        found, task = content["team"]["chaser"], run.trainee.game.task
         pair = {role: run.trainee.policy(role) for role in sizes}
         assert found["steps"] == pytest.approx(content["evaluation"]["steps"])
         assert found["best_response"] == content["exact_best_response"]["against_evader"]
