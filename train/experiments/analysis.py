@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pursuit.plugins import check_allowed, reading
-from pursuit.validation import check, raised
-from train.files import begins_with, only_one
+from pursuit.validation import check, raised, shortened
+from train.files import begins_with, only_one, write_bytes
 from train.reports.pages import write_markdown
 from train.reports.tables import in_markdown
 
@@ -66,15 +67,23 @@ def report_analysis(folder: Path, out: Path) -> Path:
         `out`.
 
     Raises:
-        ValueError: as `read_analysis`.
+        ValueError: as `read_analysis`, or the tables are no texts by title.
     """
     module, data, parts = read_analysis(folder), folder.resolve(), list[str]()
+    found = module.tables(data)
+    check(
+        isinstance(found, dict) and all(isinstance(text, str) for text in found.values()),
+        f"{folder / ANALYSIS}: tables returned {shortened(found)}; return Markdown by title",
+    )
     with only_one(out, "report"):
-        for title, table in module.tables(data).items():
+        for title, table in found.items():
             parts += [f"## {in_markdown(title)}", table]
-        if hasattr(module, "figures"):
-            module.figures(data, out)
-            parts += [f"![{path.name}]({path.name})" for path in sorted(out.glob("*.png"))]
+        with TemporaryDirectory() as drawn:  # figures of earlier reports may be in `out`
+            if hasattr(module, "figures"):
+                module.figures(data, Path(drawn))
+            for path in sorted(Path(drawn).glob("*.png")):
+                write_bytes(out / path.name, path.read_bytes())
+                parts.append(f"![{path.name}]({path.name})")
         write_markdown(out / "report.md", TITLE + data.name, parts)
     return out
 

@@ -76,15 +76,17 @@ def load_study(
 
 def check_kind(file: StudyFile, kind: str) -> None:
     """ValueError unless a file is a study of a kind, as in `load_study`."""
+    one_of("kind", file.kind or RUN, KINDS)
+    compared = file.kind == LIBRARY_RUN
+    check(not compared or kind == "comparison", f"kind={file.kind!r}; run it by `pursuit compare`")
+    check(
+        compared or kind != "comparison",
+        f"kind={file.kind!r}; give kind = 'contestant' in a comparison, or use another command",
+    )
     check(
         kind != "ablation" or file.control is not None,
         "control=None is not a variant; give one of "
         f"{[variant.get('name') for variant in file.variants or ()]}",
-    )
-    check(
-        (kind == "comparison") == (file.kind == LIBRARY_RUN),
-        f"kind={file.kind!r}; give kind = 'contestant' in a comparison, which `pursuit compare` "
-        "runs",
     )
     check(
         file.tuning is None or kind != "sweep",
@@ -94,7 +96,7 @@ def check_kind(file: StudyFile, kind: str) -> None:
 
 def multiply_out(file: StudyFile, stem: str, tuned: Tuned) -> Study:
     """All combinations as validated settings."""
-    kind = RUN if file.kind is None else file.kind
+    kind = file.kind or RUN
     one_of("kind", kind, KINDS)
     if file.control is not None:
         check_ablation(file)

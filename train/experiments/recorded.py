@@ -55,8 +55,8 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
                 whole = None not in cells and None not in cells.values()
                 check(
                     whole and {*FIRST, "seed"} <= set(cells),
-                    f"{path}, line {lines[-1]}: no row of a run; give a file written by --rows, or "
-                    "a new one",
+                    f"{path}, line {lines[-1]}: no row of a run; remove that line, so that the "
+                    "run is repeated, or give a file written by --rows",
                 )
                 nul = [name for name, cell in cells.items() if "\0" in cell]
                 where = f"{path}, line {lines[-1]}, column {', '.join(nul)}"

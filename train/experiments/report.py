@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from pursuit.validation import check
 from train.experiments import figures
 from train.experiments.libraries import libraries_content
 from train.experiments.library_runs import LIBRARY_RUN
@@ -78,8 +79,15 @@ def write_study(
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
         unit = unit or figures.unit_of(study)
-        analyse = ANALYSES[study.layout.analysis or usual_analysis(study)]
-        table, paragraphs, pictures = analyse(study, folder, unit, log)
+        usual = usual_analysis(study)
+        analysis = study.layout.analysis or usual
+        fitting = (VARIANTS, PAIRED) if usual in (VARIANTS, PAIRED) else {SUMMARY, usual}
+        check(
+            analysis in fitting,
+            f"analysis={analysis!r} of {study.layout.title!r}; such runs need "
+            f"{' or '.join(sorted(fitting, reverse=True))}",
+        )
+        table, paragraphs, pictures = ANALYSES[analysis](study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs]
         if trials:
             parts += settings_parts(trials)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check
 from train.experiments.recorded import FIRST, MEASURED, read_recorded, varied_settings
-from train.experiments.runs import ERROR, LAYOUT, read_label, read_layout, status_of
+from train.experiments.runs import ERROR, FORMAT, LAYOUT, read_label, read_layout, status_of
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout, Table
 from train.files import write_bytes, write_csv
@@ -123,6 +123,11 @@ def read_all(out: Path) -> StudyRows:
         ValueError: no study in this folder, or a run of an incompatible version.
     """
     layout = read_layout(out)
+    check(
+        layout.format <= FORMAT,
+        f"{out / LAYOUT}: has format {layout.format}, this version of pursuit reads 1 to {FORMAT}; "
+        "use the version that wrote it",
+    )
     folders = sorted(path.parent for path in out.glob(f"runs/*/{CONFIG}"))
     if layout.runs is not None:  # leave out runs of an earlier version of the file
         folders = [folder for folder in folders if folder.name in layout.runs]

@@ -175,8 +175,9 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
 
 def is_folder_of(study: Study, out: Path) -> bool:
     """Whether `out` is the folder of this study, or of one with the same title."""
-    if not (out / LAYOUT).exists():  # interrupted before the first run
-        return {path.name for path in out.iterdir()} <= {LOCK, INPUTS, TUNING}
+    if not (out / LAYOUT).exists():  # interrupted before the first run, or removed by its user
+        own = any(folder_of(out, run.name).is_dir() for run in study.runs)
+        return own or {path.name for path in out.iterdir()} <= {LOCK, INPUTS, TUNING}
     layout = read_layout(out)
     return (layout.title, layout.control) == (study.layout.title, study.layout.control)
 

@@ -94,7 +94,12 @@ class Trials(msgspec.Struct, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         check(self.samples > 0, f"samples={self.samples} in [tuning]; give at least 1")
         check(self.rungs > 0, f"rungs={self.rungs} in [tuning]; give at least 1")
-        check_budget(self.seconds, self.frames, " in [tuning]")
+        check(
+            2 ** (self.rungs - 1) <= self.samples,
+            f"rungs={self.rungs} with samples={self.samples} in [tuning]; give at most "
+            f"{self.samples.bit_length()}: every rung keeps half of the trials",
+        )
+        check_budget(self.seconds, self.frames, " in [tuning]", 2 ** (self.rungs - 1))
         check(
             self.mazes is None or self.mazes > 0,
             f"mazes={self.mazes} in [tuning]; give at least 1, or leave it out to use all",
@@ -406,14 +411,16 @@ def check_plain(name: str, value: object, where: str) -> None:
     )
 
 
-def check_budget(seconds: float | None, frames: int | None, where: str = "") -> None:
-    """ValueError unless a budget in seconds or in frames is given."""
+def check_budget(
+    seconds: float | None, frames: int | None, where: str = "", times: int = 1
+) -> None:
+    """ValueError unless a budget in seconds or in frames is given; `times` it is used at most."""
     check(
         (seconds is None) != (frames is None),
         f"seconds={seconds} and frames={frames}{where}; give one of the two",
     )
-    budget = seconds if frames is None else frames
-    check(0 < float(budget or 0) < 1e9, f"budget {budget}{where}; give one above 0")
+    budget = float((seconds if frames is None else frames) or 0) * times
+    check(0 < budget < 1e9, f"budget {budget:g}{where}; give one above 0 and below 1e9")
 
 
 def check_once(name: str, values: Sequence[object]) -> None:

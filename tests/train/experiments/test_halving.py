@@ -156,6 +156,10 @@ def test_trials_have_the_task_of_the_study_and_the_curriculum_of_their_variant(n
         ('momentum" = "ppo"', 'momentum" = "rnad"', "like 'rnad'"),
         ("goofspiel(cards=3)", "soccer(rows=2,columns=4)", "are those of the study"),
         ("rungs = 3", "rungs = 0", "rungs=0"),
+        ("rungs = 3", "rungs = 4", "rungs=4 with samples=7 in .tuning.; give at most 3"),
+        ("frames = 1000, rungs = 3", "frames = 300_000_000, rungs = 3", "budget 1.2e.09"),
+        ('games = ["goofspiel(cards=2)", "goofspiel(cards=3)"]', "mazes = { pp = [] }", "'pp'"),
+        ("[tuning.space.ppo]", "[tuning.spare.ppo]", "spare"),
     ],
 )
 def test_what_cannot_be_searched_is_refused(

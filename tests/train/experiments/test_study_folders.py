@@ -10,16 +10,19 @@ from test_study_files import ABLATION, TABLE, load
 
 from train.commands.main import main
 from train.experiments.executors import progress_of
-from train.experiments.rows import error_of, read_all
+from train.experiments.report import write_study
+from train.experiments.rows import StudyRows, error_of, read_all
 from train.experiments.runs import (
     ERROR,
     LABEL,
     LAYOUT,
     PROGRESS,
+    is_folder_of,
     prepare,
     read_label,
     read_layout,
 )
+from train.experiments.study import Layout
 
 
 def test_a_dry_run_lists_the_runs_with_what_varies_and_does_nothing(
@@ -77,6 +80,36 @@ def test_a_damaged_plan_is_one_line(
     assert said in told and LAYOUT in told
     prepare(sweep, tmp_path / "out")  # the next sweep repairs it
     assert read_layout(tmp_path / "out").title == "s"
+
+
+@pytest.mark.parametrize(
+    ("analysis", "control", "need"),
+    [
+        ("nonsense", None, "summary"),
+        ("libraries", None, "summary"),
+        ("summary", "a", "variants or paired"),
+    ],
+)
+def test_an_analysis_that_does_not_fit_is_refused(
+    analysis: str, control: str | None, need: str, tmp_path: Path
+) -> None:
+    row = {"kind": "single", "budget_frames": 9}
+    rows = StudyRows(Layout("t", analysis=analysis, control=control), [row], [row])
+    with pytest.raises(ValueError, match=f"analysis='{analysis}' of 't'; such runs need {need}"):
+        write_study(rows, tmp_path, None, False)
+
+
+def test_a_plan_of_a_later_version_is_not_read(tmp_path: Path) -> None:
+    sweep = load(tmp_path / "s.toml", "table", TABLE)
+    prepare(sweep, tmp_path / "out")
+    plan = tmp_path / "out" / LAYOUT
+    plan.write_text(plan.read_text().replace('"format": 2', '"format": 99'))
+    with pytest.raises(ValueError, match="has format 99, this version of pursuit reads 1 to 2"):
+        read_all(tmp_path / "out")
+    with pytest.raises(ValueError, match="has format 99"):
+        prepare(sweep, tmp_path / "out")
+    plan.unlink()  # and its runs are there: it is written again
+    assert is_folder_of(sweep, tmp_path / "out")
 
 
 def test_damaged_labels_results_errors_and_progress_are_no_tracebacks(tmp_path: Path) -> None:
