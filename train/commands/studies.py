@@ -179,10 +179,11 @@ def run_study_file(
     stages = stages_of(name, kind, options.version, out, with_clock, options.rows)
     study = stages[-1].expand()
     check_output_folder(out, lambda folder: is_folder_of(study, folder), options.overwrite)
-    if options.dry_run and kind == "comparison":
-        list_stages(stages, out, options.workers)
-    elif options.dry_run:
-        list_runs(study, out)
+    if options.dry_run:
+        if kind == "comparison" or len(stages) > 1:
+            list_stages(stages, out, options.workers)
+        if kind != "comparison":
+            list_runs(study, out)
     else:
         again = f"pursuit {command} {shlex.join(arguments)}"
         done = run_stages(stages, options.workers, again, options.executor, options.address)
