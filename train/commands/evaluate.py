@@ -25,7 +25,6 @@ from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
 from train.evaluation.recordings import recorded
 from train.evaluation.scores import UNKNOWN_GAP, AnyContest, Score
 from train.evaluation.sides import Profile, ResultLimits
-from train.evaluation.suite_contest import SuiteContest
 from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
@@ -186,16 +185,16 @@ def evaluate_and_print(
     more: Plain = {}
     print(contest.line())
     contest = contest.exactly(policies.values())
-    if isinstance(contest, SuiteContest):
+    if (suite := contest.by_maze) is not None:
         check_default(given, type(given), ["exact_seconds"], "it is for games in one maze")
-        played = evaluate_in_mazes(contest, policies, given.table)
+        played = evaluate_in_mazes(suite, policies, given.table)
         scores = [each.score(given.episodes) for each in played]
-        more["suite"] = {each.name: summary_of(contest, each) for each in played}
+        more["suite"] = {each.name: summary_of(suite, each) for each in played}
         if isinstance(given, EvaluateCommand) and given.maze is not None:
             world: Any = task_world_of(training)  # also of a single maze
-            own = replace(contest, task=world.task, agent=world.agent, opponents=world.opponents)
+            own = replace(suite, task=world.task, agent=world.agent, opponents=world.opponents)
             shown = next(each for each in played if each.name == evaluated)
-            more["generalisation"] = compared(contest, shown, own, policies[evaluated])
+            more["generalisation"] = compared(suite, shown, own, policies[evaluated])
     else:
         check(given.table is None, "--table needs a suite of mazes; give --maze suite:7x7-test")
         scores = []

@@ -396,6 +396,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         solutions of whole games; for measurements of the time that evaluations take."""
         return self
 
+    @property
+    def by_maze(self) -> Any:
+        """The evaluation in each of several mazes, a `SuiteContest`; None for any other."""
+        return None
+
     # -- what is said of the game --------------------------------------------------------------
 
     @property

@@ -92,6 +92,11 @@ class SuiteContest(MazeContest):
         """As `Contest`."""
         return replace(self, exact=all(is_known(self.task, policy) for policy in policies))
 
+    @property
+    def by_maze(self) -> SuiteContest:
+        """As `Contest`."""
+        return self
+
     def best_policy(self) -> Policy:
         """As `Contest`."""
         raise ValueError("the optimum in several mazes is not one policy; give one of the mazes")

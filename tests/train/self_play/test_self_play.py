@@ -445,7 +445,7 @@ def test_final_discounts_of_both_sides_are_that_of_the_exact_game(algorithm: str
     parts = self_play_parts(self_play_settings_of(**given, gamma=0.9, gamma_end=0.97))
     assert parts.game.discount == parts.sides["chaser"].hyper.last_gamma == 0.97
     plain = self_play_parts(self_play_settings_of(**given))
-    assert plain.discount == plain.sides["chaser"].hyper.last_gamma == QUICK.gamma
+    assert plain.game.discount == plain.sides["chaser"].hyper.last_gamma == QUICK.gamma
 
 
 def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
