@@ -19,7 +19,7 @@ from pathlib import Path
 from pursuit.mazes.maze import load_maze
 from pursuit.mazes.suite_files import is_suite
 from pursuit.mazes.suites import least_copy, load_suite
-from pursuit.validation import check, unknown
+from pursuit.validation import check
 from scripted_agents.games.named import game_key
 from train.experiments.expansion import NO_SETTINGS, Tuned, alternating, runs_of
 from train.experiments.library_runs import LIBRARY_RUN
@@ -201,10 +201,6 @@ def tuning_search_of(
             the study.
     """
     check(bool(tuning.space), "space={} in [tuning]; name the settings to search")
-    if isinstance(tuning.mazes, dict):
-        tasks = [str(variant.get("name")) for variant in (file.variants if file else None) or ()]
-        for name in tuning.mazes:
-            check(name in tasks, unknown("variant in [tuning.mazes]", name, tasks))
     search_of = partial(TuningSearch, tuning, tuning.trials(version), out=out, rows=rows)
     if file is None:
         check_once("algorithm in [tuning]", [*tuning.space])

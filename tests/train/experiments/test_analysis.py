@@ -59,10 +59,10 @@ def test_tables_and_figures_are_written_beside_no_data(study: Path) -> None:
     assert report.startswith("# Results of study\n\n## Rows\n\n| a |\n|---|\n| 1 |\n")
     assert report.endswith("\n\n![drawn.png](drawn.png)\n")
     assert Path("report/drawn.png").is_file() and Path("report/report.html").is_file()
-    (study / "analysis.py").write_text(CODE.replace("drawn.png", "other.png"))
+    (study / "analysis.py").write_text(CODE.replace("drawn.png", "another.png"))
     main(["report", "study", "--allow", "analysis", "--out", "report"])  # its own folder
     report = Path("report/report.md").read_text()
-    assert "other.png" in report and "drawn.png" not in report
+    assert "another.png" in report and "drawn.png" not in report
 
 
 def test_a_wrong_analysis_is_refused_in_one_line(

@@ -158,7 +158,6 @@ def test_trials_have_the_task_of_the_study_and_the_curriculum_of_their_variant(n
         ("rungs = 3", "rungs = 0", "rungs=0"),
         ("rungs = 3", "rungs = 4", "rungs=4 with samples=7 in .tuning.; give at most 3"),
         ("frames = 1000, rungs = 3", "frames = 300_000_000, rungs = 3", "budget 1.2e.09"),
-        ('games = ["goofspiel(cards=2)", "goofspiel(cards=3)"]', "mazes = { pp = [] }", "'pp'"),
         ("[tuning.space.ppo]", "[tuning.spare.ppo]", "spare"),
     ],
 )
