@@ -249,20 +249,30 @@ def layout_of(
 def analysis_of(file: StudyFile, x: str | None, runs: Sequence[TrainingRun]) -> str:
     """The analysis that a file names, or the usual one; ValueError for one that does not fit."""
     games = any(run.settings.task.game is not None for run in runs)
-    if file.control is not None:
-        fitting = [PAIRED] if file.kind == SELF_PLAY or games else [VARIANTS, PAIRED]
-        several = x == MAZE and len({run.label.get(MAZE) for run in runs}) > 1
-        usual = PAIRED if several or len(fitting) == 1 else VARIANTS
-    elif file.kind == LIBRARY_RUN:
-        fitting, usual = [SUMMARY, LIBRARIES], LIBRARIES if x == "variant" else SUMMARY
-    else:
-        fitting, usual = [SUMMARY], SUMMARY
-    if file.analysis is None:
-        return usual
-    one_of("analysis", file.analysis, ANALYSES)
-    check(
-        file.analysis in fitting,
-        f"analysis={file.analysis!r}; give {' or '.join(map(repr, fitting))} for "
-        f"control={file.control!r} and runs of kind {file.kind or RUN!r}",
-    )
-    return file.analysis
+    fitting = fitting_analyses(file.control, file.kind or RUN, games, x)
+    several = x == MAZE and len({run.label.get(MAZE) for run in runs}) > 1
+    usual = PAIRED if several and PAIRED in fitting else fitting[0]
+    if file.analysis is not None:
+        one_of("analysis", file.analysis, ANALYSES)
+        check(
+            file.analysis in fitting,
+            f"analysis={file.analysis!r} with control={file.control!r}, x={x!r} and runs of kind "
+            f"{file.kind or RUN!r}; give {' or '.join(map(repr, fitting))}",
+        )
+    return file.analysis or usual
+
+
+def fitting_analyses(control: str | None, kind: str, games: bool, x: str | None) -> list[str]:
+    """The analyses that fit runs of a kind, the usual one (in one maze) first.
+
+    Args:
+        control: of an ablation, or None.
+        kind: of the runs.
+        games: whether they are in small games.
+        x: the setting on the axis of the report.
+    """
+    if control is None:
+        return [LIBRARIES, SUMMARY] if kind == LIBRARY_RUN and x == "variant" else [SUMMARY]
+    if kind == SELF_PLAY or games:
+        return [PAIRED]
+    return [VARIANTS, PAIRED] if x in (None, MAZE) else [VARIANTS]

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pursuit.validation import check
 from train.experiments import figures
+from train.experiments.expansion import fitting_analyses
 from train.experiments.libraries import libraries_content
-from train.experiments.library_runs import LIBRARY_RUN
 from train.experiments.measures import note
 from train.experiments.rows import Content, StudyRows, read_several, read_study
 from train.experiments.study import LIBRARIES, PAIRED, SUMMARY, VARIANTS
@@ -79,13 +79,15 @@ def write_study(
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
         unit = unit or figures.unit_of(study)
-        usual = usual_analysis(study)
-        analysis = study.layout.analysis or usual
-        fitting = (VARIANTS, PAIRED) if usual in (VARIANTS, PAIRED) else {SUMMARY, usual}
+        layout, row = study.layout, study.rows[0]
+        games = any(each.get("game") is not None for each in study.rows)
+        fitting = fitting_analyses(layout.control, row["kind"], games, study.x)
+        analysis = layout.analysis or fitting[0]
+        if layout.analysis is None and layout.control is not None:  # of an earlier version
+            analysis = VARIANTS if distance_of(study) is None else PAIRED
         check(
             analysis in fitting,
-            f"analysis={analysis!r} of {study.layout.title!r}; such runs need "
-            f"{' or '.join(sorted(fitting, reverse=True))}",
+            f"analysis={analysis!r} of {layout.title!r}; such runs need {' or '.join(fitting)}",
         )
         table, paragraphs, pictures = ANALYSES[analysis](study, folder, unit, log)
         parts = [table.markdown(), ran_on(study.rows), *paragraphs]
@@ -102,13 +104,6 @@ def write_study(
         study.write(folder)
         write_markdown(folder / "report.md", study.layout.title, parts)
     return folder
-
-
-def usual_analysis(study: StudyRows) -> str:
-    """The analysis of a folder that names none: of an earlier version, or of several folders."""
-    if study.layout.control is not None:
-        return VARIANTS if distance_of(study) is None else PAIRED
-    return LIBRARIES if study.rows[0]["kind"] == LIBRARY_RUN and study.x == "variant" else SUMMARY
 
 
 def settings_parts(trials: Sequence[Row]) -> list[str]:

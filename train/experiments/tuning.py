@@ -203,7 +203,6 @@ def tuning_search_of(
     check(bool(tuning.space), "space={} in [tuning]; name the settings to search")
     search_of = partial(TuningSearch, tuning, tuning.trials(version), out=out, rows=rows)
     if file is None:
-        check_once("algorithm in [tuning]", [*tuning.space])
         whole = tuple(Searched(name, "", tuning.settings, {}) for name in tuning.space)
         return search_of(whole, "algorithm", RUN)
     common = {**file.settings, **tuning.settings}

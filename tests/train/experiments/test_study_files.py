@@ -13,7 +13,7 @@ from test_sweeps import write
 
 from scripted_agents.games import load_game, mixed_share
 from train.commands.main import main
-from train.experiments.expansion import load_study
+from train.experiments.expansion import fitting_analyses, load_study
 from train.experiments.identity import fingerprint
 from train.experiments.rows import read_all
 from train.experiments.runs import Study, prepare
@@ -348,3 +348,28 @@ def test_the_games_of_the_study_by_mixed_share_lie_in_their_strata() -> None:
     strata = [range(a, b) for a, b in zip([0, *ends], ends, strict=False)]
     kept = [sum(games.index(n) in own for n in populations.full.grid["game"]) for own in strata]
     assert kept == [3, 3, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("control", "kind", "games", "x", "fitting"),
+    [
+        (None, "single", False, "maze", ["summary"]),
+        (None, "contestant", False, "variant", ["libraries", "summary"]),
+        (None, "contestant", False, "maze", ["summary"]),
+        ("a", "single", False, "maze", ["variants", "paired"]),
+        ("a", "single", False, "num_goals", ["variants"]),  # no random units to pair by
+        ("a", "single", True, "game", ["paired"]),
+        ("a", "self-play", False, "maze", ["paired"]),
+    ],
+)
+def test_analyses_that_fit_are_known_before_the_runs(
+    control: str | None, kind: str, games: bool, x: str, fitting: list[str]
+) -> None:
+    assert fitting_analyses(control, kind, games, x) == fitting
+
+
+def test_an_analysis_that_does_not_fit_is_refused_before_the_runs(tmp_path: Path) -> None:
+    goals = 'analysis = "paired"\n' + ABLATION
+    with pytest.raises(ValueError, match="analysis='summary' with control='none'"):
+        load(tmp_path / "a.toml", "ablation", 'analysis = "summary"\n' + ABLATION)
+    assert load(tmp_path / "b.toml", "ablation", goals).layout.analysis == "paired"
