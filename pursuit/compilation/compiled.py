@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numba
 import numpy as np
-from numba import _dynfunc
+from numba import _dynfunc, types
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
@@ -72,7 +72,7 @@ def inlined(function: Function) -> Function:
 def allocating(function: Function) -> Function:
     """Like `compiled`, with reference counting, for kernels that allocate arrays.
 
-    The kernel must not call functions that return arrays (such as `layout.world_of`): without
+    The kernel must not call functions that return arrays (such as `layout.games_of`): without
     reference counting in those functions it would free arrays that are in use.
     """
     return _entry(function)
@@ -82,12 +82,17 @@ def _entry(function: Function, **options: Any) -> Function:
     dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
     if dispatcher is function:  # NUMBA_DISABLE_JIT=1; NumPy warns where random numbers overflow
         return np.errstate(over="ignore")(function)
+    if any(isinstance(each.cell_contents, type(dispatcher)) for each in function.__closure__ or ()):
+        raise TypeError(
+            f"{function.__name__}: name compiled functions in the module, as a kernel "
+            "that encloses them is not found again on disk"
+        )
     dispatcher._cache = KernelCache(function)
     return dispatcher
 
 
 def _part(function: Function, **options: Any) -> Function:
-    return numba.njit(
+    part: Any = numba.njit(
         nogil=True,
         error_model="numpy",
         _nrt=False,
@@ -96,6 +101,16 @@ def _part(function: Function, **options: Any) -> Function:
         pipeline_class=_PartCompiler if TRIED else Compiler,
         **options,
     )(function)
+    if part is not function:
+        template_of = part.get_call_template
+        part.get_call_template = lambda args, kws: template_of([_wide(each) for each in args], kws)
+    return part
+
+
+def _wide(kind: types.Type) -> types.Type:
+    """int64 for integers with a sign and for constants, so that a part is compiled once."""
+    kind = types.unliteral(kind)
+    return types.int64 if isinstance(kind, types.Integer) and kind.signed else kind
 
 
 class _Part(JITCodeLibrary):

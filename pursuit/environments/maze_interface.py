@@ -46,7 +46,7 @@ class MazeInterface(GameInterface):
     ) -> None:
         super().__init__(simulator)
         self.task, self._encoder = simulator.task, simulator.encoder(observation, observation_dtype)
-        self._world = lay_out(self.task.mazes).world
+        self._world = lay_out(self.task.mazes)
         if check_bool("mask_bumps", mask_bumps):
             warn_of_masks(self.task)
         self.mask_bumps = task_has_masks(self.task, mask_bumps)

@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, table_of_distances
-from pursuit.rules import layout
 from pursuit.rules.distances import NO_PATH
+from pursuit.rules.layout import (
+    COLUMN,
+    DIRECTED,
+    FACT_LAYERS,
+    FIRST_CELL,
+    GOAL_MARKS,
+    MARK_DISTANCE,
+    MOVES,
+    NUM_CELLS,
+    NUM_GOAL_MARKS,
+    ROW,
+    START_MARK,
+    TABLE,
+    World,
+)
 
 NO_CELL = -1
-
-
-class MazeArrays(NamedTuple):
-    """The arrays of mazes that kernels use; `layout.world_of` gives names to their parts.
-
-    Attributes:
-        mazes: [GOAL_MARKS + marks, num_mazes] int64, the offsets and marks of each maze.
-        neighbors: [all cells, moves + 1] int32.
-        facts: [FACT_LAYERS, all cells] int32, the row, column, distance to the nearest goal
-            mark, and bit mask of moves of every cell.
-        tables: uint16, the distance tables of all mazes that have one, flattened.
-    """
-
-    mazes: NDArray[np.int64]
-    neighbors: NDArray[np.int32]
-    facts: NDArray[np.int32]
-    tables: NDArray[np.uint16]
-
-    @property
-    def world(self) -> layout.World:
-        """The same arrays under the names that kernels use."""
-        return layout.named_views(layout.world_of, *self)
 
 
 @lru_cache(maxsize=4)
@@ -57,44 +48,43 @@ def grids_of(mazes: tuple[Maze, ...]) -> tuple[NDArray[np.int32], NDArray[np.int
 
 
 @lru_cache(maxsize=64)
-def lay_out(mazes: tuple[Maze, ...]) -> MazeArrays:
+def lay_out(mazes: tuple[Maze, ...]) -> World:
     """The arrays of `mazes`; mazes of more than MAX_TABLE_CELLS cells get no distance table."""
     num_marks = max(len(maze.goal_marks) for maze in mazes)
     num_cells = sum(maze.num_cells for maze in mazes)
     num_distances = sum(maze.num_cells**2 for maze in mazes if maze.num_cells <= MAX_TABLE_CELLS)
-    arrays = MazeArrays(
-        mazes=np.full((layout.GOAL_MARKS + num_marks, len(mazes)), -1, dtype=np.int64),
+    world = World(
+        mazes=np.full((GOAL_MARKS + num_marks, len(mazes)), -1, dtype=np.int64),
         neighbors=np.concatenate([maze.neighbors for maze in mazes]),
-        facts=np.zeros((layout.FACT_LAYERS, num_cells), dtype=np.int32),
+        facts=np.zeros((FACT_LAYERS, num_cells), dtype=np.int32),
         tables=np.empty(num_distances, dtype=np.uint16),
     )
-    world = arrays.world
     first_cell = first_distance = 0
     for number, maze in enumerate(mazes):
         own = slice(first_cell, first_cell + maze.num_cells)
-        world.first_cell[number], world.num_cells[number] = first_cell, maze.num_cells
+        world.mazes[FIRST_CELL, number], world.mazes[NUM_CELLS, number] = first_cell, maze.num_cells
         if maze.num_cells <= MAX_TABLE_CELLS:
-            world.table[number] = first_distance
+            world.mazes[TABLE, number] = first_distance
             distances = maze.distances if len(mazes) == 1 else table_of_distances(maze)
             last_distance = first_distance + maze.num_cells**2
             np.minimum(
                 distances.ravel(),
                 NO_PATH,
-                out=arrays.tables[first_distance:last_distance],
+                out=world.tables[first_distance:last_distance],
                 casting="unsafe",
             )
             first_distance = last_distance
         if maze.start_mark is not None:
-            world.start_mark[number] = maze.start_mark
-        world.num_goal_marks[number] = len(maze.goal_marks)
-        world.goal_marks[: len(maze.goal_marks), number] = maze.goal_marks
+            world.mazes[START_MARK, number] = maze.start_mark
+        world.mazes[NUM_GOAL_MARKS, number] = len(maze.goal_marks)
+        world.mazes[GOAL_MARKS : GOAL_MARKS + len(maze.goal_marks), number] = maze.goal_marks
         if maze.is_grid:
-            world.row[own], world.column[own] = maze.rows, maze.columns
+            world.facts[ROW, own], world.facts[COLUMN, own] = maze.rows, maze.columns
         changes = maze.neighbors[:, :-1] != np.arange(maze.num_cells)[:, None]
-        world.moves[own] = changes @ (1 << np.arange(maze.num_moves))
-        world.directed[number] = maze.is_directed
+        world.facts[MOVES, own] = changes @ (1 << np.arange(maze.num_moves))
+        world.mazes[DIRECTED, number] = maze.is_directed
         if maze.goal_marks:
             nearest = np.min([maze.distances_from(goal) for goal in maze.goal_marks], axis=0)
-            world.mark_distance[own] = nearest
+            world.facts[MARK_DISTANCE, own] = nearest
         first_cell += maze.num_cells
-    return arrays
+    return world

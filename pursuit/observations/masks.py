@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.mazes.maze_arrays import lay_out
-from pursuit.rules.layout import Games, World
+from pursuit.rules.layout import FIRST_CELL, MOVES, Games, World
 from pursuit.tasks.task import Task
 
 ACTION_MASK = "action_mask"
@@ -31,7 +31,7 @@ def bump_masks(maze: Maze, num_actions: int) -> NDArray[np.bool_]:
 
     All are True in an enclosed cell without stay.
     """
-    masks = _masks_of(lay_out((maze,)).world.moves, maze.num_moves, num_actions)
+    masks = _masks_of(lay_out((maze,)).facts[MOVES], maze.num_moves, num_actions)
     return masks | ~masks.any(axis=1, keepdims=True)
 
 
@@ -56,12 +56,14 @@ def action_masks(
 
     Args:
         games: the games.
-        world: their mazes, `lay_out(task.mazes).world`.
+        world: their mazes, `lay_out(task.mazes)`.
         task: of the games.
         seats: the indices of the agents.
         terminated: [games] bool.
     """
-    free = world.moves[world.first_cell[games.maze][:, None] + games.position[:, seats]]
+    free = world.facts[
+        MOVES, world.mazes[FIRST_CELL, games.maze][:, None] + games.position[:, seats]
+    ]
     if task.options.block:
         for column, seat in enumerate(range(task.num_agents)[seats]):
             free[:, column] &= ~_blocked_moves(games, world, task, seat)
@@ -81,7 +83,7 @@ def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray
     may be captured; only those are certain to be there that too few chasers can reach.
     """
     seen, blocked = task.sight.observed_games(games, seat), np.zeros_like(games.steps)
-    here = world.first_cell[games.maze] + games.position[:, seat]
+    here = world.mazes[FIRST_CELL, games.maze] + games.position[:, seat]
     role, chasers_first = task.seat_roles[seat], task.move_order == "chasers_first"
     for other, its in enumerate(task.seat_roles):
         across = task.capture != "cell" and {role, its} == {"chaser", "evader"}
@@ -100,7 +102,7 @@ def _blocked_moves(games: Games, world: World, task: Task, seat: int) -> NDArray
 def _can_be_captured(seen: Games, world: World, task: Task, evader: int) -> NDArray[np.bool_]:
     """[games] bool: whether enough chasers may capture an evader by their next move; those out of
     view may."""
-    first, target = world.first_cell[seen.maze][:, None], seen.position[:, evader, None]
+    first, target = world.mazes[FIRST_CELL, seen.maze][:, None], seen.position[:, evader, None]
     near = np.zeros(len(seen.steps), dtype=np.int64)
     for chaser in range(task.num_chasers):
         cells = np.maximum(seen.position[:, chaser, None], 0)

@@ -1,14 +1,16 @@
 """The compiled functions that the `Simulator` calls to start and to step batches of games.
 
-They take flat arrays (see `layout.Memory`, `layout.world_of`, `layout.rules_of`); functions called
-by them take NamedTuples. The step without options of the rules is compiled for any teams and, with
-constant team sizes, for small teams of chasers and evaders and for a single runner; the step with
-options for any teams. Each is a separate function, compiled on first use, as a joint function would
-need more registers.
+They take flat arrays (see `layout.Memory`, `layout.World`, `layout.step_rules_of`); functions
+called by them take NamedTuples, with few arrays in each, as the time of compilation grows with
+these. The step without options of the rules is compiled for any teams and, with constant team
+sizes, for small teams of chasers and evaders and for a single runner; the step with options for any
+teams. Each is a separate function, compiled on first use, as a joint function would need more
+registers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -18,106 +20,125 @@ from numpy.typing import NDArray
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules.arrays import Flags, Ints, Longs, Reals, Words
 from pursuit.rules.layout import (
+    ACTIVE,
     AGENT_LAYERS,
     BAD_ACTION,
     CLOCK_LAYERS,
+    COLLECTED_GOALS,
+    ENDED_BY_RULE,
+    ENDED_BY_TIME,
+    EPISODE_RETURNS,
     EPSILON,
+    EVENT,
+    FINAL_ACTIVE,
+    FINAL_EVENT,
+    FINAL_GOAL,
+    FINAL_MAZE,
+    FINAL_POSITION,
+    FINAL_STEPS,
+    GOAL,
+    MAZE,
+    NEXT_EPSILON,
     NEXT_SLIP,
+    NO_RESTART,
     OK,
     PLAIN,
+    POSITION,
     REAL_LAYERS,
+    RESTART,
+    RETURNS,
     SLIP,
+    START,
+    STARTS_NOW,
+    STEPS,
     TERMINATED,
     TRUNCATED,
     UNCHANGED,
-    Games,
     Memory,
     Options,
-    Outcome,
+    StartRules,
     StepRules,
     Teams,
     World,
     agents_of,
-    games_of,
     goals_of,
-    next_episode_of,
+    no_options,
     options_of,
-    outcome_of,
     search_of,
+    start_rules_of,
     step_rules_of,
-    step_scratch_of,
     teams_of,
-    world_of,
 )
 from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import Start, start
 from pursuit.rules.step import step
+from pursuit.rules.turn import turn_of
 
 MOST_KNOWN = 8
 """The largest number of chasers or evaders for which constant team sizes are compiled."""
 
 
 @inlined
-def keep_final(games: Games, game: int, teams: Teams, num_exits: int, outcome: Outcome) -> None:
-    """Copy the last state of an episode to `outcome.final`."""
-    final = outcome.final
-    final.steps[game], final.maze[game] = games.steps[game], games.maze[game]
+def keep_final(memory: Memory, game: int, teams: Teams, num_exits: int) -> None:
+    """Copy the state and the returns at the end of an episode."""
+    agents, goals, clocks, reals = memory.agents, memory.goals, memory.clocks, memory.reals
+    clocks[game, FINAL_STEPS], clocks[game, FINAL_MAZE] = clocks[game, STEPS], clocks[game, MAZE]
     for agent in agents_of(teams):
-        final.position[game, agent] = games.position[game, agent]
-        final.active[game, agent] = games.active[game, agent]
-        final.event[game, agent] = games.event[game, agent]
-        outcome.episode_returns[game, agent] = outcome.returns[game, agent]
+        agents[game, FINAL_POSITION, agent] = agents[game, POSITION, agent]
+        agents[game, FINAL_ACTIVE, agent] = agents[game, ACTIVE, agent]
+        agents[game, FINAL_EVENT, agent] = agents[game, EVENT, agent]
+        reals[game, EPISODE_RETURNS, agent] = reals[game, RETURNS, agent]
     for goal in goals_of(teams):
-        final.goal[game, goal] = games.goal[game, goal]
-    for number in range(num_exits):
-        final.exit[game, number] = games.exit[game, number]
+        goals[game, FINAL_GOAL, goal] = goals[game, GOAL, goal]
+    for number in range(CLOCK_LAYERS, CLOCK_LAYERS + num_exits):
+        clocks[game, num_exits + number] = clocks[game, number]
 
 
 @inlined
-def start_game(memory: Memory, game: int, rules: StepRules, world: World, scratch: Ints) -> None:
+def start_game(memory: Memory, game: int, rules: StartRules, world: World, scratch: Ints) -> None:
     """Start an episode of one game with its pending settings."""
-    outcome, pending = outcome_of(memory), next_episode_of(memory)
+    reals = memory.reals
     for agent in agents_of(rules.teams):
-        outcome.returns[game, agent] = outcome.collected[game, agent] = 0.0
-        if pending.epsilon[game, agent] != UNCHANGED:
-            memory.reals[game, EPSILON, agent] = pending.epsilon[game, agent]
-            pending.epsilon[game, agent] = UNCHANGED
-        if rules.options.slips and memory.reals[game, NEXT_SLIP, agent] != UNCHANGED:
-            memory.reals[game, SLIP, agent] = memory.reals[game, NEXT_SLIP, agent]
-            memory.reals[game, NEXT_SLIP, agent] = UNCHANGED
-    streams, search = memory.streams[game], search_of(scratch)
-    start(Start(games_of(memory), game, streams, pending, rules, world, search))
+        reals[game, RETURNS, agent] = reals[game, COLLECTED_GOALS, agent] = 0.0
+        if reals[game, NEXT_EPSILON, agent] != UNCHANGED:
+            reals[game, EPSILON, agent] = reals[game, NEXT_EPSILON, agent]
+            reals[game, NEXT_EPSILON, agent] = UNCHANGED
+        if rules.slips and reals[game, NEXT_SLIP, agent] != UNCHANGED:
+            reals[game, SLIP, agent] = reals[game, NEXT_SLIP, agent]
+            reals[game, NEXT_SLIP, agent] = UNCHANGED
+    own = Start(
+        memory.agents[game], memory.goals[game], memory.clocks[game], memory.streams[game],
+        memory.pending[:, game], rules, world, search_of(scratch),
+    )  # fmt: skip
+    start(own)
 
 
-@subroutine
-def finish_episodes(
-    memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
-) -> None:
-    """Copy the last state of games that ended, and restart them if asked to; without options."""
-    rules = step_rules_of(teams_of(numbers), numbers, coefficients, PLAIN)
-    finish(memory, rules, world, scratch, restart)
+def finish_for(options_in: Any) -> Any:
+    """The end of a step, for rules whose options `options_in` reads from `numbers`."""
 
-
-@subroutine
-def finish_with_options(
-    memory: Memory, numbers: Longs, coefficients: Reals, world: World, scratch: Ints, restart: bool
-) -> None:
-    """As `finish_episodes`, with the options of the rules."""
-    rules = step_rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
-    finish(memory, rules, world, scratch, restart)
-
-
-@inlined
-def finish(
-    memory: Memory, rules: StepRules, world: World, scratch: Ints, auto_restart: bool
-) -> None:
-    """Copy the last state of games that ended, and restart them if `auto_restart`."""
-    games, outcome = games_of(memory), outcome_of(memory)
-    for game in range(outcome.terminated.shape[0]):
-        if outcome.terminated[game] | outcome.truncated[game]:
-            keep_final(games, game, rules.teams, rules.options.exits, outcome)
-            if auto_restart:
+    @subroutine
+    def finish_episodes(
+        memory: Memory, numbers: Longs, world: World, scratch: Ints, mode: int
+    ) -> None:
+        """Copy the last state of games that ended, and restart them with RESTART; with START only
+        start the games that are to start now."""
+        rules, starts = start_rules_of(numbers, options_in(numbers)), memory.pending[STARTS_NOW]
+        by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
+        for game in range(by_rule.shape[0]):
+            begins = mode == START and starts[game] > 0
+            if begins:
+                by_rule[game] = by_time[game] = False
+                starts[game] = 0
+            elif mode != START and (by_rule[game] | by_time[game]):
+                keep_final(memory, game, rules.teams, rules.exits)
+                begins = mode == RESTART
+            if begins:
                 start_game(memory, game, rules, world, scratch)
+
+    return finish_episodes
+
+
+finish_plainly, finish_with_options = finish_for(no_options), finish_for(options_of)
 
 
 @inlined
@@ -159,27 +180,33 @@ def all_allowed(actions: Ints, num_actions: int) -> bool:
     return most < num_actions
 
 
-@inlined
-def step_each(
-    memory: Memory, actions: Ints, rules: StepRules, world: World, scratch: Ints, skip_ended: bool,
-    plain: bool,
-) -> None:  # fmt: skip
-    """Step every game, or every game that has not ended if `skip_ended`.
+def step_each_by(step_once: Any) -> Any:
+    """The loop over the games of a batch of `step` or `step_with_options`.
 
-    `plain`, a constant, promises that the rules have no options.
+    It cannot be their argument, as kernels that pass functions are not kept on disk.
     """
-    games, outcome, plan = games_of(memory), outcome_of(memory), step_scratch_of(scratch)
-    for game in range(actions.shape[0]):
-        if skip_ended and (outcome.terminated[game] or outcome.truncated[game]):
-            for agent in agents_of(rules.teams):
-                outcome.rewards[game, agent] = 0.0
-            continue
-        if plain:
-            end = step(games, game, actions, rules, world, plan, outcome)
-        else:
-            end = step_with_options(games, game, actions, rules, world, plan, outcome, memory)
-        outcome.terminated[game] = end == TERMINATED
-        outcome.truncated[game] = end == TRUNCATED
+
+    @inlined
+    def step_each(
+        memory: Memory, actions: Ints, rules: StepRules, world: World, scratch: Ints,
+        skip_ended: bool,
+    ) -> None:  # fmt: skip
+        """Step every game, or every game that has not ended if `skip_ended`."""
+        by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
+        for number in range(actions.shape[0]):
+            game = np.uint64(number)  # signed indices are checked for negative values
+            if skip_ended and (by_rule[game] or by_time[game]):
+                for agent in agents_of(rules.teams):
+                    memory.rewards[game, agent] = 0.0
+                continue
+            turn = turn_of(memory, game, rules, world, scratch)
+            end = step_once(turn, actions[game], memory.streams[game], memory.rewards[game])
+            by_rule[game], by_time[game] = end == TERMINATED, end == TRUNCATED
+
+    return step_each
+
+
+step_each_plainly, step_each_with_options = step_each_by(step), step_each_by(step_with_options)
 
 
 @cache
@@ -194,15 +221,16 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
         agents: Ints, goals_: Ints, clocks: Ints, pending: Ints, reals: Reals, flags: Flags,
         rewards: NDArray[np.float32], streams: Words, numbers: Longs, coefficients: Reals,
         mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16], scratch: Ints,
-        actions: Ints, auto_restart: bool,
+        actions: Ints, mode: int,
     ) -> int:  # fmt: skip
         """Step every game in place; return OK, or BAD_ACTION without a step.
 
-        The last state of a game that ends is copied. With `auto_restart` the game restarts in the
-        same step; without it the game stays as it is and gets rewards of 0.
+        The last state of a game that ends is copied. With the mode RESTART the game restarts in the
+        same step; with NO_RESTART it stays as it is and gets rewards of 0. See `start_games` for
+        START.
         """
         memory = Memory(agents, goals_, clocks, pending, reals, flags, rewards, streams)
-        world = world_of(mazes, neighbors, facts, tables)
+        world = World(mazes, neighbors, facts, tables)
         found = teams_of(numbers)
         teams = Teams(
             chasers if chasers >= 0 else found.chasers,
@@ -216,11 +244,14 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
             return BAD_ACTION
         if plain and not fits(memory, actions, teams):
             return BAD_ACTION
-        step_each(memory, actions, rules, world, scratch, not auto_restart, plain)
-        if plain:
-            finish_episodes(memory, numbers, coefficients, world, scratch, auto_restart)
+        if plain:  # a constant: only one side is compiled
+            if mode != START:
+                step_each_plainly(memory, actions, rules, world, scratch, mode == NO_RESTART)
+            finish_plainly(memory, numbers, world, scratch, mode)
         else:
-            finish_with_options(memory, numbers, coefficients, world, scratch, auto_restart)
+            if mode != START:
+                step_each_with_options(memory, actions, rules, world, scratch, mode == NO_RESTART)
+            finish_with_options(memory, numbers, world, scratch, mode)
         return OK
 
     return step_games
@@ -241,19 +272,12 @@ def step_games_of(teams: Teams, options: Options) -> Any:
     return entry_for(*teams, True) if small and teams[2:] == (0, 0) else step_any
 
 
-@compiled
-def start_games(
-    agents: Ints, goals: Ints, clocks: Ints, pending: Ints, reals: Reals, flags: Flags,
-    rewards: NDArray[np.float32], streams: Words, numbers: Longs, coefficients: Reals,
-    mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16], scratch: Ints,
-    chosen: Flags,
-) -> None:  # fmt: skip
-    """Start a new episode in every game of the mask `chosen`."""
-    memory = Memory(agents, goals, clocks, pending, reals, flags, rewards, streams)
-    rules = step_rules_of(teams_of(numbers), numbers, coefficients, options_of(numbers))
-    world = world_of(mazes, neighbors, facts, tables)
-    outcome = outcome_of(memory)
-    for game in range(chosen.shape[0]):
-        if chosen[game]:
-            start_game(memory, game, rules, world, scratch)
-            outcome.terminated[game] = outcome.truncated[game] = False
+def start_games(step_games: Any, arrays: Sequence[Any], chosen: Flags) -> None:
+    """Start a new episode in every game of the mask `chosen` [games].
+
+    `step_games` is the step function of these games and `arrays` are its arguments before the
+    actions. It starts games too, as a function of its own would take as long to compile.
+    """
+    memory = Memory(*arrays[: len(Memory._fields)])
+    memory.pending[STARTS_NOW] = chosen
+    step_games(*arrays, np.empty((0, memory.rewards.shape[1]), dtype=np.int32), START)

@@ -10,7 +10,17 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
 from pursuit.rules.arrays import Ints
-from pursuit.rules.layout import UNREACHABLE, Search, World, stay_of
+from pursuit.rules.layout import (
+    COLUMN,
+    FIRST_CELL,
+    NUM_CELLS,
+    ROW,
+    TABLE,
+    UNREACHABLE,
+    Search,
+    World,
+    stay_of,
+)
 
 NO_PATH = 65535
 """UNREACHABLE in a table of uint16."""
@@ -18,9 +28,9 @@ FAR = 2**30
 
 
 @inlined
-def moves_of(world: World) -> range:
+def moves_of(neighbors: Ints) -> range:
     """The actions that are moves: four in a maze, as many as the largest degree in a graph."""
-    return range(stay_of(world))
+    return range(stay_of(neighbors))
 
 
 @compiled
@@ -72,7 +82,7 @@ def search_within(
 
     Returns the number of cells reached. The caller must call `forget` afterwards.
     """
-    first = world.first_cell[maze]
+    first = world.mazes[FIRST_CELL, maze]
     search.distance[origin] = 0
     search.queue[0] = origin
     head, tail = 0, 1
@@ -81,7 +91,7 @@ def search_within(
         head += 1
         if cell == target or search.distance[cell] == limit:
             break
-        for action in moves_of(world):
+        for action in moves_of(world.neighbors):
             after = world.neighbors[first + cell, action]
             if search.distance[after] < 0:
                 search.distance[after] = search.distance[cell] + 1
@@ -100,13 +110,13 @@ def forget(search: Search, reached: int) -> None:
 @inlined
 def has_table(world: World, maze: int) -> bool:
     """Whether the maze has a table of distances; large mazes have none."""
-    return world.table[maze] >= 0
+    return world.mazes[TABLE, maze] >= 0
 
 
 @inlined
 def pair_index(world: World, maze: int, a: int, b: int) -> int:
     """The index of the pair of cells (a, b) in the tables."""
-    return world.table[maze] + a * world.num_cells[maze] + b
+    return world.mazes[TABLE, maze] + a * world.mazes[NUM_CELLS, maze] + b
 
 
 @inlined
@@ -127,7 +137,7 @@ def distance_within(world: World, search: Search, maze: int, a: int, b: int, lim
 @subroutine
 def searched_distance(world: World, search: Search, maze: int, a: int, b: int, limit: int) -> int:
     """`distance_within` by search, for mazes without a table."""
-    if manhattan(world, world.first_cell[maze], a, b) > limit:
+    if manhattan(world.facts, world.mazes[FIRST_CELL, maze], a, b) > limit:
         return limit + 1
     reached = search_within(world, maze, a, limit, b, search)
     found = search.distance[b]
@@ -145,10 +155,10 @@ def place_of(first_cell: int, cell: int) -> np.uint64:
 
 
 @inlined
-def manhattan(world: World, first_cell: int, a: int, b: int) -> int:
+def manhattan(facts: Ints, first_cell: int, a: int, b: int) -> int:
     """The Manhattan distance between cells of the maze that begins at `first_cell`."""
     a, b = place_of(first_cell, a), place_of(first_cell, b)
-    return abs(world.row[a] - world.row[b]) + abs(world.column[a] - world.column[b])
+    return abs(facts[ROW, a] - facts[ROW, b]) + abs(facts[COLUMN, a] - facts[COLUMN, b])
 
 
 @inlined
@@ -177,14 +187,14 @@ def spread_field(
     `owner` is the first of the nearest sources only if `own` is -1 (the search ends at the limit),
     as it is final for a cell once all nearer cells have been expanded.
     """
-    first_cell = world.first_cell[maze]
+    first_cell = world.mazes[FIRST_CELL, maze]
     while head < tail and (own < 0 or field.distance[own] < 0):
         cell = field.queue[head]
         after_steps = field.distance[cell] + 1
         if after_steps > limit:
             break
         head += 1
-        for action in moves_of(world):
+        for action in moves_of(world.neighbors):
             after = world.neighbors[first_cell + cell, action]
             if field.distance[after] < 0:
                 field.distance[after] = after_steps
@@ -201,8 +211,8 @@ def moves_down(world: World, maze: int, field: Search, own: int) -> int:
     """The mask of moves towards the sources of a search that has reached `own`, or 0."""
     mask, steps = 0, field.distance[own]
     if steps > 0:
-        for action in moves_of(world):
-            after = world.neighbors[world.first_cell[maze] + own, action]
+        for action in moves_of(world.neighbors):
+            after = world.neighbors[world.mazes[FIRST_CELL, maze] + own, action]
             if field.distance[after] == steps - 1:
                 mask |= 1 << action
     return mask

@@ -34,10 +34,13 @@ from pursuit.rules.terms import RUNNER as RUNNER
 from pursuit.rules.terms import SURROUND as SURROUND
 from pursuit.rules.terms import Options as Options
 from pursuit.rules.terms import RewardCoefficients as RewardCoefficients
+from pursuit.rules.terms import StartRules as StartRules
 from pursuit.rules.terms import StepRules as StepRules
 from pursuit.rules.terms import Teams as Teams
+from pursuit.rules.terms import no_options as no_options
 from pursuit.rules.terms import numbers_of as numbers_of
 from pursuit.rules.terms import options_of as options_of
+from pursuit.rules.terms import start_rules_of as start_rules_of
 from pursuit.rules.terms import step_rules_of as step_rules_of
 from pursuit.rules.terms import teams_of as teams_of
 
@@ -51,47 +54,40 @@ COLLECTED, CAPTURED, WAS_CAPTURED, ESCAPED = 1, 2, 4, 8
 
 GOING_ON, TERMINATED, TRUNCATED = range(3)
 OK, BAD_ACTION = range(2)
+NO_RESTART, RESTART, START = range(3)  # what a call of a step kernel does besides a step
 UNPLACED = -1  # the cell of an agent that is not placed yet
 UNCHANGED = -1.0  # no pending epsilon: the current one remains
 
 # The stacked layers of the flat arrays.
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
+NEXT_MAZE, NUM_GOALS, GOAL_RADIUS, GOALS_AROUND_MARKS = range(4)
+MIN_START_DISTANCE, MAX_START_DISTANCE, STARTS_NOW, PENDING_LAYERS = range(4, 8)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
 EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
 SLIP, NEXT_SLIP = REAL_LAYERS, REAL_LAYERS + 1  # only in tasks with slips
 ENDED_BY_RULE, ENDED_BY_TIME, FLAG_LAYERS = range(3)
-SCRATCH_DISTANCE, SCRATCH_QUEUE, SCRATCH_AFTER = range(3)
-SCRATCH_CAPTORS, SCRATCH_TAKERS, SCRATCH_CAPTURED, SCRATCH_TARGET, SCRATCH_LAYERS = range(3, 8)
+AFTER, CAPTORS, TAKERS, CAUGHT, TARGET, SEARCH_DISTANCE, SEARCH_QUEUE, SCRATCH_LAYERS = range(8)
 FIRST_CELL, NUM_CELLS, TABLE, START_MARK, DIRECTED, NUM_GOAL_MARKS, GOAL_MARKS = range(7)
 ROW, COLUMN, MARK_DISTANCE, MOVES, FACT_LAYERS = range(5)
 
 
 class World(NamedTuple):
-    """Concatenated arrays of all mazes; cell c of maze m has the index `first_cell[m] + c`.
+    """Concatenated arrays of all mazes, made by `pursuit.mazes.maze_arrays.lay_out`.
 
-    first_cell, num_cells, table, start_mark, directed, num_goal_marks: [mazes] int64; `table` is
-        the index of the maze's distances in `tables`, -1 if it is too large for a table; no mark is
-        -1; `directed` is 1 for a graph in which a path back can have another length.
-    goal_marks: [marks, mazes] int64, cells.
+    mazes: [GOAL_MARKS + marks, mazes] int64. Row FIRST_CELL: cell c of the maze has the index
+        FIRST_CELL + c; TABLE: the index of its distances in `tables`, -1 if it is too large for a
+        table; START_MARK and, from GOAL_MARKS on, the goal marks: cells, or -1; DIRECTED: 1 for a
+        graph in which a path back can have another length.
     neighbors: [all cells, moves + 1] int32, the cell after each move, and after stay.
-    row, column, mark_distance: [all cells] int32; steps to the nearest goal mark.
-    moves: [all cells] int32, the bit mask of the moves that change the cell.
+    facts: [FACT_LAYERS, all cells] int32. ROW, COLUMN; MARK_DISTANCE: steps to the nearest goal
+        mark; MOVES: the bit mask of the moves that change the cell.
     tables: uint16, the distances from every cell to every other, maze after maze.
     """
 
-    first_cell: Longs
-    num_cells: Longs
-    table: Longs
-    start_mark: Longs
-    directed: Longs
-    num_goal_marks: Longs
-    goal_marks: Longs
+    mazes: Longs
     neighbors: Ints
-    row: Ints
-    column: Ints
-    mark_distance: Ints
-    moves: Ints
+    facts: Ints
     tables: NDArray[np.uint16]
 
 
@@ -160,23 +156,6 @@ class Search(NamedTuple):
     queue: Ints
 
 
-class StepScratch(NamedTuple):
-    """Scratch memory of the step of one game, for decisions before the state is written; int32.
-
-    after: [agents], the cells after the step.
-    captors: [agents], the number of captors of an evader, -1 if it escapes; captured: the captured
-        evaders, in order.
-    takers: [goals], the number of agents that collect a goal.
-    target: [agents], the cells that agents move to unless another agent is in the way.
-    """
-
-    after: Ints
-    captors: Ints
-    takers: Ints
-    captured: Ints
-    target: Ints
-
-
 class Memory(NamedTuple):
     """The flat arrays of a batch, with the layers named above; created by `allocate`.
 
@@ -185,7 +164,8 @@ class Memory(NamedTuple):
     agents: [games, AGENT_LAYERS, agents] int32.
     goals: [games, GOAL_LAYERS, goals] int32.
     clocks: [games, CLOCK_LAYERS + 2 * exits] int32: the clocks, the exits, the final exits.
-    pending: [fields of NextEpisode except epsilon, games] int32.
+    pending: [PENDING_LAYERS, games] int32, the fields of NextEpisode except epsilon; in row
+        STARTS_NOW 1 for games that are to start, see `batches.start_games`.
     reals: [games, REAL_LAYERS, agents] float64; with slips two more layers.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
@@ -213,7 +193,7 @@ def allocate(
         agents=np.zeros((num_games, AGENT_LAYERS, num_agents), dtype=np.int32),
         goals=np.zeros((num_games, GOAL_LAYERS, num_goals), dtype=np.int32),
         clocks=np.zeros((num_games, CLOCK_LAYERS + 2 * num_exits), dtype=np.int32),
-        pending=np.full((len(NextEpisode._fields) - 1, num_games), -1, dtype=np.int32),
+        pending=np.full((PENDING_LAYERS, num_games), -1, dtype=np.int32),
         reals=reals,
         flags=np.zeros((FLAG_LAYERS, num_games), dtype=bool),
         rewards=np.zeros((num_games, num_agents), dtype=np.float32),
@@ -226,8 +206,25 @@ def empty_games(num_games: int, num_agents: int, num_goals: int, num_exits: int 
     return named_views(games_of, allocate(num_games, num_agents, num_goals, num_exits))
 
 
+def copied_games(games: Games, chosen: Any) -> Games:
+    """Copies of the chosen games, in memory like that of a batch, as a kernel is compiled again for
+    arrays of another layout."""
+    parts = [array[chosen] for array in games]
+    sizes = (parts[array].shape[1] for array in (0, 3, 6))
+    own = empty_games(len(parts[0]), *sizes)
+    for array, part in zip(own, parts, strict=True):
+        array[:] = part
+    return own
+
+
 def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:
-    """Scratch memory of the step of one game and of a search over `num_cells` cells."""
+    """Scratch memory of the step of one game and of a search over `num_cells` cells.
+
+    The decisions of a step before the state is written: AFTER, the cells of the agents after it;
+    CAPTORS, the number of captors of an evader, -1 if it escapes; TAKERS, the number of agents that
+    collect a goal; CAUGHT, the captured evaders, in order; TARGET, the cells that agents move to
+    unless another agent is in the way.
+    """
     return np.full((SCRATCH_LAYERS, max(num_cells, num_agents, num_goals)), -1, dtype=np.int32)
 
 
@@ -250,7 +247,6 @@ def games_of(memory: Memory) -> Games:
     )  # fmt: skip
 
 
-@inlined
 def outcome_of(memory: Memory) -> Outcome:
     """The results of steps."""
     agents, clocks, reals, flags = memory.agents, memory.clocks, memory.reals, memory.flags
@@ -265,43 +261,22 @@ def outcome_of(memory: Memory) -> Outcome:
     )  # fmt: skip
 
 
-@inlined
 def next_episode_of(memory: Memory) -> NextEpisode:
     """The pending settings of the next episode."""
-    pending, epsilon = memory.pending, memory.reals[:, NEXT_EPSILON]
-    return NextEpisode(
-        pending[0], pending[1], pending[2], pending[3], pending[4], pending[5], epsilon
-    )  # fmt: skip
+    epsilon = memory.reals[:, NEXT_EPSILON]
+    return NextEpisode(*memory.pending[:STARTS_NOW], epsilon)  # type: ignore[call-arg]
 
 
 @inlined
-def world_of(mazes: Longs, neighbors: Ints, facts: Ints, tables: NDArray[np.uint16]) -> World:
-    """The mazes: [GOAL_MARKS + marks, mazes] int64, and [FACT_LAYERS, all cells] int32."""
-    return World(
-        mazes[FIRST_CELL], mazes[NUM_CELLS], mazes[TABLE], mazes[START_MARK], mazes[DIRECTED],
-        mazes[NUM_GOAL_MARKS], mazes[GOAL_MARKS:], neighbors, facts[ROW], facts[COLUMN],
-        facts[MARK_DISTANCE], facts[MOVES], tables,
-    )  # fmt: skip
-
-
-@inlined
-def stay_of(world: World) -> int:
+def stay_of(neighbors: Ints) -> int:
     """The number of the action stay, which is the number of moves."""
-    return world.neighbors.shape[1] - 1
+    return neighbors.shape[1] - 1
 
 
 @inlined
 def search_of(scratch: Ints) -> Search:
     """The scratch memory of searches."""
-    return Search(scratch[SCRATCH_DISTANCE], scratch[SCRATCH_QUEUE])
-
-
-@inlined
-def step_scratch_of(scratch: Ints) -> StepScratch:
-    """The scratch memory of a step."""
-    after, captors = scratch[SCRATCH_AFTER], scratch[SCRATCH_CAPTORS]
-    takers, captured = scratch[SCRATCH_TAKERS], scratch[SCRATCH_CAPTURED]
-    return StepScratch(after, captors, takers, captured, scratch[SCRATCH_TARGET])
+    return Search(scratch[SEARCH_DISTANCE], scratch[SEARCH_QUEUE])
 
 
 # -- agent indices ---------------------------------------------------------------------------------

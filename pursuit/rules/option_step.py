@@ -10,17 +10,21 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import inlined, subroutine
-from pursuit.rules.arrays import Ints
+from pursuit.rules.arrays import Ints, Words
+from pursuit.rules.distances import place_of
 from pursuit.rules.layout import (
+    ACTIVE,
+    AFTER,
+    CAPTORS,
+    CAUGHT,
     CELL,
+    CLOCK_LAYERS,
+    MOVES,
+    POSITION,
     SLIP,
+    STEPS,
     SURROUND,
-    Games,
-    Memory,
-    Outcome,
-    StepRules,
-    StepScratch,
-    World,
+    TARGET,
     agents_of,
     chasers_of,
     evaders_of,
@@ -30,29 +34,27 @@ from pursuit.rules.layout import (
 from pursuit.rules.randomness import draw_action
 from pursuit.rules.starts import is_exit
 from pursuit.rules.step import settle
-from pursuit.rules.turn import Turn, destination, is_free, legal_moves, meets_evader
+from pursuit.rules.step_rewards import Earned
+from pursuit.rules.turn import Turn, destination, is_free, meets_evader
 
 
 @inlined
-def step_with_options(
-    games: Games, game: int, actions: Ints, rules: StepRules, world: World, plan: StepScratch,
-    outcome: Outcome, memory: Memory,
-) -> int:  # fmt: skip
-    """Step one game; return as `step.step`. `memory` holds the chances and the stream of slips."""
-    turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
+def step_with_options(turn: Turn, actions: Ints, streams: Words, rewards: Earned) -> int:
+    """Step one game; arguments and result as of `step.step`. Slips are drawn from their stream."""
+    rules, plan = turn.rules, turn.plan
     options, chasers = rules.options, rules.teams.chasers
     agents = chasers + rules.teams.evaders + rules.teams.runners
-    chasers_to_move = not options.turns or (games.steps[game] & 1) == 0
-    others_to_move = not options.turns or (games.steps[game] & 1) == 1
+    chasers_to_move = not options.turns or (turn.clocks[STEPS] & 1) == 0
+    others_to_move = not options.turns or (turn.clocks[STEPS] & 1) == 1
     for agent in agents_of(rules.teams):
-        cell = games.position[game, agent]
-        plan.after[agent], plan.target[agent], plan.captors[agent] = cell, cell, 0
+        cell = turn.agents[POSITION, agent]
+        plan[AFTER, agent], plan[TARGET, agent], plan[CAPTORS, agent] = cell, cell, 0
         moves = chasers_to_move if agent < chasers else others_to_move
-        if moves and games.active[game, agent] != 0:
-            action = np.int64(actions[game, agent])
+        if moves and turn.agents[ACTIVE, agent] != 0:
+            action = np.int64(actions[agent])
             if options.slips:
-                action = slipped(turn, agent, action, memory)
-            plan.target[agent] = destination(turn, agent, action)
+                action = slipped(turn, agent, action, streams)
+            plan[TARGET, agent] = destination(turn, agent, action)
     num_captured = 0
     if not rules.chasers_first:
         move_together(turn, 0, agents)
@@ -67,23 +69,24 @@ def step_with_options(
                 num_captured = capture_evaders(turn, num_captured)
     num_escaped = 0
     for evader in evaders_of(rules.teams):
-        stays_in_game = is_free(turn, evader) != 0 and plan.captors[evader] == 0
-        if stays_in_game and is_exit(games, game, plan.after[evader], options.exits):
-            plan.captors[evader] = -1
+        stays_in_game = is_free(turn.agents, evader) != 0 and plan[CAPTORS, evader] == 0
+        if stays_in_game and is_exit(
+            turn.clocks[CLOCK_LAYERS:], plan[AFTER, evader], options.exits
+        ):
+            plan[CAPTORS, evader] = -1
             num_escaped += 1
-    return settle(turn, num_captured, num_escaped)
+    return settle(turn, rewards, num_captured, num_escaped)
 
 
 @inlined
-def slipped(turn: Turn, agent: int, action: int, memory: Memory) -> int:
+def slipped(turn: Turn, agent: int, action: int, streams: Words) -> int:
     """The action, or with the chance of a slip any move that changes the cell."""
-    chance = memory.reals[turn.game, SLIP, agent]
-    cell = turn.games.position[turn.game, agent]
-    every = legal_moves(turn.world, turn.games.maze[turn.game], cell)
-    stream = slip_stream(turn.games.position.shape[1])
+    chance = turn.reals[SLIP, agent]
+    cell = turn.agents[POSITION, agent]
+    every = np.int64(turn.facts[MOVES, place_of(turn.first_cell, cell)])
+    stream = slip_stream(turn.agents.shape[1])
     if every == 0:
         return action
-    streams = memory.streams[turn.game]
     return draw_action(1 << action, every, chance, 0, False, streams, stream)
 
 
@@ -95,26 +98,26 @@ def move_together(turn: Turn, first: int, last: int) -> None:
     """Decide on the moves of the agents from `first` to `last` - 1, which move at once."""
     plan = turn.plan
     for agent in range(first, last):
-        if plan.captors[agent] > 0:
+        if plan[CAPTORS, agent] > 0:
             continue
         if not turn.rules.options.block or not is_blocked(turn, agent, first, last):
-            plan.after[agent] = plan.target[agent]
+            plan[AFTER, agent] = plan[TARGET, agent]
 
 
 @inlined
 def is_blocked(turn: Turn, agent: int, first: int, last: int) -> bool:
     """Whether a solid agent was in the target of an agent before the phase, or has this target."""
-    plan, cells = turn.plan, turn.games.position[turn.game]
-    target = plan.target[agent]
+    plan, cells = turn.plan, turn.agents[POSITION]
+    target = plan[TARGET, agent]
     if target == cells[agent]:
         return False
     for other in agents_of(turn.rules.teams):
         if other == agent or not is_solid(turn, agent, other):
             continue
         moves = first <= other < last
-        if (cells[other] if moves else plan.after[other]) == target:
+        if (cells[other] if moves else plan[AFTER, other]) == target:
             return True
-        if moves and plan.target[other] == target:
+        if moves and plan[TARGET, other] == target:
             return True
     return False
 
@@ -126,7 +129,7 @@ def is_solid(turn: Turn, agent: int, other: int) -> bool:
     That are agents of one role, and, where they do not capture in one cell, chasers and evaders;
     not evaders that have left the game.
     """
-    if turn.games.active[turn.game, other] == 0 or turn.plan.captors[other] > 0:
+    if turn.agents[ACTIVE, other] == 0 or turn.plan[CAPTORS, other] > 0:
         return False
     own, its = role_of(turn, agent), role_of(turn, other)
     return own == its or (own + its == 1 and turn.rules.options.capture != CELL)
@@ -148,16 +151,16 @@ def capture_evaders(turn: Turn, num_captured: int) -> int:
     evaders after the first `num_captured`; return their number."""
     plan, options = turn.plan, turn.rules.options
     for evader in evaders_of(turn.rules.teams):
-        if is_free(turn, evader) == 0 or plan.captors[evader] > 0:
+        if is_free(turn.agents, evader) == 0 or plan[CAPTORS, evader] > 0:
             continue
         captors = 0
         for chaser in chasers_of(turn.rules.teams):
             captors += meets_evader(turn, chaser, evader)
         if captors >= options.n_catch and (
-            options.capture != SURROUND or is_surrounded(turn, plan.after[evader])
+            options.capture != SURROUND or is_surrounded(turn, plan[AFTER, evader])
         ):
-            plan.captors[evader] = captors
-            plan.captured[num_captured] = evader
+            plan[CAPTORS, evader] = captors
+            plan[CAUGHT, num_captured] = evader
             num_captured += 1
     return num_captured
 
@@ -166,11 +169,11 @@ def capture_evaders(turn: Turn, num_captured: int) -> int:
 def is_surrounded(turn: Turn, cell: int) -> bool:
     """Whether every cell that a move leads to from `cell` holds a chaser."""
     first, plan = turn.first_cell, turn.plan
-    for action in range(stay_of(turn.world)):
-        after = turn.world.neighbors[first + cell, action]
+    for action in range(stay_of(turn.neighbors)):
+        after = turn.neighbors[first + cell, action]
         held = after == cell
         for chaser in chasers_of(turn.rules.teams):
-            held |= plan.after[chaser] == after
+            held |= plan[AFTER, chaser] == after
         if not held:
             return False
     return True

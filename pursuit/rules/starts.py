@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import inlined, subroutine
-from pursuit.rules.arrays import Words
+from pursuit.rules.arrays import Ints, Words
 from pursuit.rules.distances import (
     distance_within,
     forget,
@@ -21,12 +21,29 @@ from pursuit.rules.distances import (
     table_distance,
 )
 from pursuit.rules.layout import (
+    ACTIVE,
+    CLOCK_LAYERS,
+    EVENT,
+    FIRST_CELL,
+    GOAL,
+    GOAL_MARKS,
+    GOAL_RADIUS,
+    GOALS_AROUND_MARKS,
+    MARK_DISTANCE,
+    MAX_START_DISTANCE,
+    MAZE,
+    MIN_START_DISTANCE,
+    NEXT_MAZE,
+    NUM_CELLS,
+    NUM_GOAL_MARKS,
+    NUM_GOALS,
+    POSITION,
+    START_MARK,
     STARTS_STREAM,
+    STEPS,
     UNPLACED,
-    Games,
-    NextEpisode,
     Search,
-    StepRules,
+    StartRules,
     World,
     agents_of,
     chasers_of,
@@ -38,13 +55,18 @@ from pursuit.rules.randomness import next_below, next_word
 
 
 class Start(NamedTuple):
-    """One game of a batch at the start of an episode; `streams` are those of the game."""
+    """One game of a batch at the start of an episode.
 
-    games: Games
-    game: int
+    agents, goals, clocks, streams: the rows of the game in those of `Memory`; pending: its column
+    there.
+    """
+
+    agents: Ints
+    goals: Ints
+    clocks: Ints
     streams: Words
-    pending: NextEpisode
-    rules: StepRules
+    pending: Ints
+    rules: StartRules
     world: World
     search: Search
 
@@ -52,13 +74,13 @@ class Start(NamedTuple):
 @inlined
 def start(own: Start) -> None:
     """Start an episode: choose the maze, place agents and goals."""
-    games, game, teams = own.games, own.game, own.rules.teams
+    teams = own.rules.teams
     next_word(own.streams, team_stream(teams.chasers + teams.evaders + teams.runners))
-    games.maze[game] = choose_maze(own.pending.maze[game], own.streams, own.world)
-    games.steps[game] = 0
+    own.clocks[MAZE] = choose_maze(own.pending[NEXT_MAZE], own.streams, own.world.mazes.shape[1])
+    own.clocks[STEPS] = 0
     for agent in agents_of(teams):
-        games.active[game, agent] = 1
-        games.event[game, agent] = 0
+        own.agents[ACTIVE, agent] = 1
+        own.agents[EVENT, agent] = 0
     place_agents(own)
     while not starts_apart(own) or starts_on_exit(own):
         place_agents(own)
@@ -67,11 +89,10 @@ def start(own: Start) -> None:
 
 
 @inlined
-def choose_maze(asked: int, streams: Words, world: World) -> int:
-    """The maze `asked`, or a random one if it is -1."""
+def choose_maze(asked: int, streams: Words, count: int) -> int:
+    """The maze `asked`, or a random one of `count` if it is -1."""
     if asked >= 0:
         return np.int64(asked)
-    count = world.num_cells.shape[0]
     return next_below(streams, STARTS_STREAM, count) if count > 1 else 0
 
 
@@ -79,8 +100,8 @@ def choose_maze(asked: int, streams: Words, world: World) -> int:
 def goals_wanted(start: Start) -> int:
     """The number of goals at the start of the episode."""
     wanted = start.rules.teams.goals
-    if start.pending.num_goals[start.game] >= 0:
-        wanted = min(wanted, np.int64(start.pending.num_goals[start.game]))
+    if start.pending[NUM_GOALS] >= 0:
+        wanted = min(wanted, np.int64(start.pending[NUM_GOALS]))
     return wanted
 
 
@@ -88,19 +109,19 @@ def goals_wanted(start: Start) -> int:
 def is_taken(start: Start, agents: range, cell: int, num_goals: int, num_exits: int) -> bool:
     """Whether one of these agents, or of the first goals or exits, is on `cell`."""
     for agent in agents:
-        if start.games.position[start.game, agent] == cell:
+        if start.agents[POSITION, agent] == cell:
             return True
     for goal in range(num_goals):
-        if start.games.goal[start.game, goal] == cell:
+        if start.goals[GOAL, goal] == cell:
             return True
-    return is_exit(start.games, start.game, cell, num_exits)
+    return is_exit(start.clocks[CLOCK_LAYERS:], cell, num_exits)
 
 
 @inlined
-def is_exit(games: Games, game: int, cell: int, num_exits: int) -> bool:
+def is_exit(exits: Ints, cell: int, num_exits: int) -> bool:
     """Whether one of the first exits is on `cell`."""
     for number in range(num_exits):
-        if games.exit[game, number] == cell:
+        if exits[number] == cell:
             return True
     return False
 
@@ -108,7 +129,7 @@ def is_exit(games: Games, game: int, cell: int, num_exits: int) -> bool:
 @inlined
 def draw_free_cell(start: Start, agents: range, num_goals: int, num_exits: int) -> int:
     """A uniformly random cell without one of these agents and of the first goals and exits."""
-    size = start.world.num_cells[start.games.maze[start.game]]
+    size = start.world.mazes[NUM_CELLS, start.clocks[MAZE]]
     cell = next_below(start.streams, STARTS_STREAM, size)
     while is_taken(start, agents, cell, num_goals, num_exits):
         cell = next_below(start.streams, STARTS_STREAM, size)
@@ -118,21 +139,21 @@ def draw_free_cell(start: Start, agents: range, num_goals: int, num_exits: int) 
 @inlined
 def place_exits(start: Start, num_goals: int) -> None:
     """Place the exits of the maze, or draw different cells without an evader or a marked goal."""
-    count, fixed = start.rules.options.exits, start.rules.fixed_exits
+    count, fixed = start.rules.exits, start.rules.fixed_exits
     for number in range(count):
         if fixed.shape[0] > 0:
-            cell = fixed[start.games.maze[start.game] * count + number]
+            cell = fixed[start.clocks[MAZE] * count + number]
         else:
             cell = draw_free_cell(start, evaders_of(start.rules.teams), num_goals, number)
-        start.games.exit[start.game, number] = cell
+        start.clocks[CLOCK_LAYERS + number] = cell
 
 
 @inlined
 def starts_on_exit(start: Start) -> bool:
     """Whether an evader is on an exit."""
     for evader in evaders_of(start.rules.teams):
-        cell = start.games.position[start.game, evader]
-        if is_exit(start.games, start.game, cell, start.rules.options.exits):
+        cell = start.agents[POSITION, evader]
+        if is_exit(start.clocks[CLOCK_LAYERS:], cell, start.rules.exits):
             return True
     return False
 
@@ -140,12 +161,12 @@ def starts_on_exit(start: Start) -> bool:
 @inlined
 def place_goals_on_marks(start: Start) -> int:
     """Place goals on the marks of the maze; return how many."""
-    if not start.rules.start_at_marks:
+    if not start.rules.at_marks:
         return 0
-    maze = start.games.maze[start.game]
-    count = min(goals_wanted(start), start.world.num_goal_marks[maze])
+    maze = start.clocks[MAZE]
+    count = min(goals_wanted(start), start.world.mazes[NUM_GOAL_MARKS, maze])
     for goal in range(count):
-        start.games.goal[start.game, goal] = start.world.goal_marks[goal, maze]
+        start.goals[GOAL, goal] = start.world.mazes[GOAL_MARKS + goal, maze]
     return count
 
 
@@ -153,34 +174,34 @@ def place_goals_on_marks(start: Start) -> int:
 def place_agents(start: Start) -> None:
     """Place every agent on its mark, or on a uniformly random free cell without a marked goal; then
     the exits."""
-    teams, world, position = start.rules.teams, start.world, start.games.position
-    game, maze = start.game, start.games.maze[start.game]
+    teams, world, position = start.rules.teams, start.world, start.agents[POSITION]
+    maze = start.clocks[MAZE]
     for agent in agents_of(teams):
-        position[game, agent] = UNPLACED
+        position[agent] = UNPLACED
     marked_goals = place_goals_on_marks(start)
-    if start.rules.start_at_marks:
-        if world.start_mark[maze] >= 0:
-            position[game, 0] = world.start_mark[maze]
+    if start.rules.at_marks:
+        if world.mazes[START_MARK, maze] >= 0:
+            position[0] = world.mazes[START_MARK, maze]
         if teams.goals == 0:
             mark = 0
             for evader in evaders_of(teams):
-                if mark < world.num_goal_marks[maze]:
-                    position[game, evader] = world.goal_marks[mark, maze]
+                if mark < world.mazes[NUM_GOAL_MARKS, maze]:
+                    position[evader] = world.mazes[GOAL_MARKS + mark, maze]
                     mark += 1
     for agent in agents_of(teams):
-        if position[game, agent] < 0:
-            position[game, agent] = draw_free_cell(start, agents_of(teams), marked_goals, 0)
+        if position[agent] < 0:
+            position[agent] = draw_free_cell(start, agents_of(teams), marked_goals, 0)
     place_exits(start, marked_goals)
 
 
 @inlined
 def starts_apart(start: Start) -> bool:
     """Whether the distances between chasers and evaders are within the limits."""
-    pending, game, world = start.pending, start.game, start.world
-    least, most = pending.min_start_distance[game], pending.max_start_distance[game]
+    pending, world = start.pending, start.world
+    least, most = pending[MIN_START_DISTANCE], pending[MAX_START_DISTANCE]
     if least <= 1 and most < 0:
         return True
-    limit, maze, cells = max(least, most), start.games.maze[game], start.games.position[game]
+    limit, maze, cells = max(least, most), start.clocks[MAZE], start.agents[POSITION]
     for chaser in chasers_of(start.rules.teams):
         for evader in evaders_of(start.rules.teams):
             chased = cells[evader]
@@ -198,11 +219,11 @@ def place_goals(start: Start) -> None:
     from the nearest goal mark of the maze. If there are too few free cells, it is increased by one
     until a goal fits.
     """
-    goals, game, exits = start.games.goal, start.game, start.rules.options.exits
+    goals, exits = start.goals[GOAL], start.rules.exits
     for goal in goals_of(start.rules.teams):
-        goals[game, goal] = -1
+        goals[goal] = -1
     placed = place_goals_on_marks(start)
-    radius = np.int64(start.pending.goal_radius[game])
+    radius = np.int64(start.pending[GOAL_RADIUS])
     while placed < goals_wanted(start):
         if radius < 0:
             cell = draw_free_cell(start, agents_of(start.rules.teams), placed, exits)
@@ -212,7 +233,7 @@ def place_goals(start: Start) -> None:
                 radius += 1
                 count = list_free_cells(start, placed, radius)
             cell = np.int64(start.search.queue[next_below(start.streams, STARTS_STREAM, count)])
-        goals[game, placed] = cell
+        goals[placed] = cell
         placed += 1
 
 
@@ -222,24 +243,24 @@ def list_free_cells(start: Start, num_goals: int, radius: int) -> int:
 
     Only the first `num_goals` goals have been placed.
     """
-    world, search, maze = start.world, start.search, start.games.maze[start.game]
-    around_marks = start.pending.goals_around_marks[start.game] > 0
-    first, size = world.first_cell[maze], world.num_cells[maze]
+    world, search, maze = start.world, start.search, start.clocks[MAZE]
+    around_marks = start.pending[GOALS_AROUND_MARKS] > 0
+    first, size = world.mazes[FIRST_CELL, maze], world.mazes[NUM_CELLS, maze]
     teams = start.rules.teams  # the centre is the first runner or, without runners, first evader
     collector = teams.chasers + teams.evaders if teams.runners > 0 else teams.chasers
-    center = np.int64(start.games.position[start.game, collector])
+    center = np.int64(start.agents[POSITION, collector])
     if not around_marks and not has_table(world, maze):
         size = search_within(world, maze, center, radius, -1, search)
         forget(search, size)
     count = 0
     for i in range(size):
         if around_marks:
-            cell, away = i, np.int64(world.mark_distance[first + i])
+            cell, away = i, np.int64(world.facts[MARK_DISTANCE, first + i])
         elif has_table(world, maze):
             cell, away = i, table_distance(world, maze, center, i)
         else:
             cell, away = np.int64(search.queue[i]), radius
-        exits, agents = start.rules.options.exits, agents_of(teams)
+        exits, agents = start.rules.exits, agents_of(teams)
         if away <= radius and not is_taken(start, agents, cell, num_goals, exits):
             search.queue[count] = cell
             count += 1

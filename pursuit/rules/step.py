@@ -6,10 +6,10 @@ All decisions use the state before the step; the new state is written last. Of t
 only events and rewards are read again. Loops over `chasers_of(teams)` and the like are unrolled in
 kernels with constant team sizes.
 
-                  before            decided                       written
-    position      games.position    plan.after                    games.position
-    captures                        plan.captors, plan.captured   games.active, games.event
-    goals         games.goal        plan.takers                   games.goal, games.event
+                  before      decided (in `plan`)     written
+    position      POSITION    AFTER                   POSITION
+    captures                  CAPTORS, CAUGHT          ACTIVE, EVENT
+    goals         GOAL        TAKERS                  GOAL, EVENT
 
 `step` has no options; `option_step` decides on moves and captures with them. `settle` ends both.
 """
@@ -19,16 +19,21 @@ from __future__ import annotations
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
-from pursuit.rules.arrays import Ints
+from pursuit.rules.arrays import Ints, Words
 from pursuit.rules.layout import (
+    ACTIVE,
+    AFTER,
+    CAPTORS,
+    CAUGHT,
+    COLLECTED_GOALS,
+    GOAL,
     GOING_ON,
+    POSITION,
+    RETURNS,
+    STEPS,
+    TAKERS,
     TERMINATED,
     TRUNCATED,
-    Games,
-    Outcome,
-    StepRules,
-    StepScratch,
-    World,
     agents_of,
     bit_of,
     chasers_of,
@@ -39,6 +44,7 @@ from pursuit.rules.layout import (
     stay_of,
 )
 from pursuit.rules.step_rewards import (
+    Earned,
     add_capture_rewards,
     add_escape_rewards,
     add_goal_rewards,
@@ -56,63 +62,62 @@ from pursuit.rules.turn import (
 
 
 @inlined
-def step(
-    games: Games, game: int, actions: Ints, rules: StepRules, world: World, plan: StepScratch,
-    outcome: Outcome,
-) -> int:  # fmt: skip
-    """Step one game; return GOING_ON, TERMINATED or TRUNCATED."""
-    turn = Turn(games, game, rules, world, world.first_cell[games.maze[game]], plan, outcome)
-    teams, stay = rules.teams, stay_of(world)
+def step(turn: Turn, actions: Ints, streams: Words, rewards: Earned) -> int:
+    """Step one game; return GOING_ON, TERMINATED or TRUNCATED.
+
+    `actions`, `streams` and `rewards`, which are written, are those of the game; nothing is drawn.
+    """
+    teams, plan, stay = turn.rules.teams, turn.plan, stay_of(turn.neighbors)
     for chaser in chasers_of(teams):
-        plan.after[chaser] = destination(turn, chaser, actions[game, chaser])
+        plan[AFTER, chaser] = destination(turn, chaser, actions[chaser])
     for evader in evaders_of(teams):
         # A captured agent stays; no branch, as the processor could not predict it.
-        action = stay + (np.int64(actions[game, evader]) - stay) * is_free(turn, evader)
-        plan.after[evader] = destination(turn, evader, action)
+        action = stay + (np.int64(actions[evader]) - stay) * is_free(turn.agents, evader)
+        plan[AFTER, evader] = destination(turn, evader, action)
     for runner in runners_of(teams):
-        plan.after[runner] = destination(turn, runner, actions[game, runner])
-    return settle(turn, decide_captures(turn), 0)
+        plan[AFTER, runner] = destination(turn, runner, actions[runner])
+    return settle(turn, rewards, decide_captures(turn), 0)
 
 
 @inlined
-def settle(turn: Turn, num_captured: int, num_escaped: int) -> int:
+def settle(turn: Turn, rewards: Earned, num_captured: int, num_escaped: int) -> int:
     """Collect goals, write rewards and the new state, given the decisions on moves, captures and
     escapes; return as `step`."""
-    games, game, rules, plan, outcome = turn.games, turn.game, turn.rules, turn.plan, turn.outcome
-    teams, steps = rules.teams, games.steps[game] + 1
+    rules, plan = turn.rules, turn.plan
+    teams, steps = rules.teams, turn.clocks[STEPS] + 1
     collected, goals_left = decide_goals(turn)
     all_collected = collected > 0 and goals_left == 0
     end = ended(turn, num_captured + num_escaped, all_collected, steps)
 
     # A round of turns has two steps; its second one pays the step rewards.
     pays = not rules.options.turns or (steps & 1) == 0
-    add_step_rewards(turn, pays)
+    add_step_rewards(turn, rewards, pays)
     if num_captured > 0:
-        add_capture_rewards(turn, num_captured, end)
+        add_capture_rewards(turn, rewards, num_captured, end)
     if num_escaped > 0:
-        add_escape_rewards(turn, end)
+        add_escape_rewards(turn, rewards, end)
     if collected > 0:
-        add_goal_rewards(turn, end)
+        add_goal_rewards(turn, rewards, end)
     if rules.chaser.per_evader != 0.0:
-        add_per_evader_rewards(turn, pays)
+        add_per_evader_rewards(turn, rewards, pays)
     if rules.options.touches and (not rules.options.turns or (steps & 1) == 1):
-        add_touch_rewards(turn)
+        add_touch_rewards(turn, rewards)
     if collected > 0:
         count_goals(turn)
     for agent in agents_of(teams):
-        games.position[game, agent] = plan.after[agent]
-        outcome.returns[game, agent] += outcome.rewards[game, agent]
+        turn.agents[POSITION, agent] = plan[AFTER, agent]
+        turn.reals[RETURNS, agent] += rewards[agent]
     for i in range(num_captured):
-        games.active[game, plan.captured[i]] = 0
+        turn.agents[ACTIVE, plan[CAUGHT, i]] = 0
     if num_escaped > 0:
         for evader in evaders_of(teams):
-            if plan.captors[evader] < 0:
-                games.active[game, evader] = 0
+            if plan[CAPTORS, evader] < 0:
+                turn.agents[ACTIVE, evader] = 0
     if collected > 0:
         for goal in goals_of(teams):
-            if plan.takers[goal] > 0:
-                games.goal[game, goal] = -1
-    games.steps[game] = steps
+            if plan[TAKERS, goal] > 0:
+                turn.goals[GOAL, goal] = -1
+    turn.clocks[STEPS] = steps
     return end
 
 
@@ -126,26 +131,25 @@ def decide_captures(turn: Turn) -> int:
     If the chasers move first, an evader that one of them reaches does not move. Exact checks are
     made only for evaders that may share a cell with a chaser according to the bits of cells.
     """
-    teams, plan, game = turn.rules.teams, turn.plan, turn.game
-    position = turn.games.position
+    teams, plan, position = turn.rules.teams, turn.plan, turn.agents[POSITION]
     reached = np.uint64(0)
     for chaser in chasers_of(teams):
-        reached |= bit_of(plan.after[chaser])
+        reached |= bit_of(plan[AFTER, chaser])
     asked = num_captured = 0
     for evader in evaders_of(teams):
-        near = reached & (bit_of(position[game, evader]) | bit_of(plan.after[evader]))
-        plan.captors[evader] = 0
-        plan.captured[asked] = evader
-        asked += (near != 0) * is_free(turn, evader)
+        near = reached & (bit_of(position[evader]) | bit_of(plan[AFTER, evader]))
+        plan[CAPTORS, evader] = 0
+        plan[CAUGHT, asked] = evader
+        asked += (near != 0) * is_free(turn.agents, evader)
     for i in range(asked):
-        evader, captors = plan.captured[i], 0
+        evader, captors = plan[CAUGHT, i], 0
         for chaser in chasers_of(teams):
-            if turn.rules.chasers_first and plan.after[chaser] == position[game, evader]:
-                plan.after[evader] = position[game, evader]
+            if turn.rules.chasers_first and plan[AFTER, chaser] == position[evader]:
+                plan[AFTER, evader] = position[evader]
         for chaser in chasers_of(teams):
             captors += meets_evader(turn, chaser, evader)
-        plan.captors[evader] = captors
-        plan.captured[num_captured] = evader
+        plan[CAPTORS, evader] = captors
+        plan[CAUGHT, num_captured] = evader
         num_captured += captors > 0
     return num_captured
 
@@ -156,13 +160,13 @@ def decide_goals(turn: Turn) -> tuple[int, int]:
     teams, plan = turn.rules.teams, turn.plan
     collected = left = 0
     for goal in goals_of(teams):
-        takers, cell = 0, turn.games.goal[turn.game, goal]
+        takers, cell = 0, turn.goals[GOAL, goal]
         if cell >= 0:
             for agent in collectors_of(teams):
-                takers += (plan.after[agent] == cell) & may_collect(turn, agent)
+                takers += (plan[AFTER, agent] == cell) & may_collect(turn, agent)
             collected += takers > 0
             left += takers == 0
-        plan.takers[goal] = takers
+        plan[TAKERS, goal] = takers
     return collected, left
 
 
@@ -174,7 +178,7 @@ def ended(turn: Turn, num_gone: int, all_collected: bool, steps: int) -> int:
     """
     free = -num_gone
     for evader in evaders_of(turn.rules.teams):
-        free += is_free(turn, evader)
+        free += is_free(turn.agents, evader)
     if all_collected or (turn.rules.teams.evaders > 0 and free == 0):
         return TERMINATED
     most = turn.rules.max_steps * (2 if turn.rules.options.turns else 1)
@@ -184,9 +188,9 @@ def ended(turn: Turn, num_gone: int, all_collected: bool, steps: int) -> int:
 @inlined
 def count_goals(turn: Turn) -> None:
     """Add the goals of this step to the goals collected by each agent; shared goals in parts."""
-    plan, game = turn.plan, turn.game
+    plan = turn.plan
     for goal in goals_of(turn.rules.teams):
         for agent in collectors_of(turn.rules.teams):
-            here = plan.after[agent] == turn.games.goal[game, goal]
-            if plan.takers[goal] > 0 and here and may_collect(turn, agent):
-                turn.outcome.collected[game, agent] += 1.0 / plan.takers[goal]
+            here = plan[AFTER, agent] == turn.goals[GOAL, goal]
+            if plan[TAKERS, goal] > 0 and here and may_collect(turn, agent):
+                turn.reals[COLLECTED_GOALS, agent] += 1.0 / plan[TAKERS, goal]

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pursuit.compilation.compiled import inlined
+from pursuit.rules.arrays import Ints
 from pursuit.rules.distances import manhattan
 from pursuit.rules.layout import (
+    ACTIVE,
+    AFTER,
+    CAPTORS,
     CAPTURED,
+    CAUGHT,
     COLLECTED,
     ESCAPED,
+    EVENT,
+    GOAL,
+    POSITION,
+    TAKERS,
     TERMINATED,
     WAS_CAPTURED,
     RewardCoefficients,
@@ -22,32 +32,38 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.turn import Turn, is_free, leads_to, meets_evader
 
+Earned: TypeAlias = NDArray[np.floating]
+"""[agents] the rewards of a game: float32; float64 in exact solvers."""
+
 
 @inlined
-def add_step_rewards(turn: Turn, pays: bool) -> None:
+def add_step_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
     """Write the step reward of every agent; 0 for captured evaders, and of all unless `pays`."""
-    rules = turn.rules
+    rules, agents = turn.rules, turn.agents
     for chaser in chasers_of(rules.teams):
-        add_step_reward(turn, chaser, rules.chaser, nearest_evader, pays)
+        away = nearest_evader(turn, chaser) if rules.chaser.distance != 0.0 else 0
+        write_step_reward(rules.chaser, away, pays, agents, rewards, chaser)
     for evader in evaders_of(rules.teams):
-        earns = pays and is_free(turn, evader) != 0
-        add_step_reward(turn, evader, rules.evader, nearest_chaser, earns)
+        away = nearest_chaser(turn, evader) if rules.evader.distance != 0.0 else 0
+        earns = pays and is_free(agents, evader) != 0
+        write_step_reward(rules.evader, away, earns, agents, rewards, evader)
     for runner in runners_of(rules.teams):
-        add_step_reward(turn, runner, rules.runner, nearest_goal, pays)
+        away = nearest_goal(turn, runner) if rules.runner.distance != 0.0 else 0
+        write_step_reward(rules.runner, away, pays, agents, rewards, runner)
 
 
 @inlined
-def add_step_reward(
-    turn: Turn, agent: int, coefficients: RewardCoefficients, nearest: Any, earns: bool
-) -> None:
-    """`add_step_rewards` for one agent; `nearest` is one of the functions at the end."""
-    rewards = turn.outcome.rewards
+def write_step_reward(
+    coefficients: RewardCoefficients, away: int, earns: bool, agents: Ints, rewards: Earned,
+    agent: int,
+) -> None:  # fmt: skip
+    """`add_step_rewards` for one agent at this distance."""
     real = rewards.dtype.type  # float32; float64 in exact solvers
     earned = real(coefficients.step)
     if coefficients.distance != 0.0:
-        earned = real(coefficients.step + coefficients.distance * nearest(turn, agent))
-    turn.games.event[turn.game, agent] = 0
-    rewards[turn.game, agent] = earned if earns else real(0.0)
+        earned = real(coefficients.step + coefficients.distance * away)
+    agents[EVENT, agent] = 0
+    rewards[agent] = earned if earns else real(0.0)
 
 
 @inlined
@@ -57,109 +73,113 @@ def pays_step(rewards: RewardCoefficients, event: int, end: int) -> bool:
 
 
 @inlined
-def add_capture_rewards(turn: Turn, num_captured: int, end: int) -> None:
+def add_capture_rewards(turn: Turn, rewards: Earned, num_captured: int, end: int) -> None:
     """Write the events and rewards of captures; captors of one evader share its reward equally."""
-    rules, plan, game = turn.rules, turn.plan, turn.game
-    events, rewards = turn.games.event, turn.outcome.rewards
+    rules, plan = turn.rules, turn.plan
+    events = turn.agents[EVENT]
     applies, real = not pays_step(rules.chaser, CAPTURED, end), rewards.dtype.type
     for i in range(num_captured):
-        evader = plan.captured[i]
-        share = rules.chaser.capture / plan.captors[evader]
+        evader = plan[CAUGHT, i]
+        share = rules.chaser.capture / plan[CAPTORS, evader]
         for chaser in chasers_of(rules.teams):
             is_captor = meets_evader(turn, chaser, evader)
-            event, earned = events[game, chaser], rewards[game, chaser]
+            event, earned = events[chaser], rewards[chaser]
             more = real(share + (earned if event != 0 else real(0.0)))
-            events[game, chaser] = event | (CAPTURED * is_captor)
-            rewards[game, chaser] = more if is_captor & applies else earned
-        events[game, evader] = WAS_CAPTURED
-        rewards[game, evader] = real(rules.evader.capture)
+            events[chaser] = event | (CAPTURED * is_captor)
+            rewards[chaser] = more if is_captor & applies else earned
+        events[evader] = WAS_CAPTURED
+        rewards[evader] = real(rules.evader.capture)
 
 
 @inlined
-def add_escape_rewards(turn: Turn, end: int) -> None:
+def add_escape_rewards(turn: Turn, rewards: Earned, end: int) -> None:
     """Write the events and rewards of evaders that escape, which every chaser shares in full."""
-    rules, game = turn.rules, turn.game
-    events, rewards = turn.games.event, turn.outcome.rewards
+    rules = turn.rules
+    events = turn.agents[EVENT]
     applies, real = not pays_step(rules.chaser, ESCAPED, end), rewards.dtype.type
     for evader in evaders_of(rules.teams):
-        if turn.plan.captors[evader] >= 0:
+        if turn.plan[CAPTORS, evader] >= 0:
             continue
-        events[game, evader] = ESCAPED
-        rewards[game, evader] = real(rules.evader.escape)
+        events[evader] = ESCAPED
+        rewards[evader] = real(rules.evader.escape)
         for chaser in chasers_of(rules.teams):
-            event, earned = events[game, chaser], rewards[game, chaser]
-            events[game, chaser] = event | ESCAPED
+            event, earned = events[chaser], rewards[chaser]
+            events[chaser] = event | ESCAPED
             if applies:
                 before = earned if event != 0 else real(0.0)
-                rewards[game, chaser] = real(rules.chaser.escape + before)
+                rewards[chaser] = real(rules.chaser.escape + before)
 
 
 @inlined
-def add_goal_rewards(turn: Turn, end: int) -> None:
+def add_goal_rewards(turn: Turn, rewards: Earned, end: int) -> None:
     """Replace the step reward of the agents that collect a goal, and write their events."""
-    rules, game = turn.rules, turn.game
+    rules = turn.rules
     for evader in evaders_of(rules.teams):
-        if turn.games.active[game, evader] != 0 and turn.plan.captors[evader] == 0:
-            add_goal_reward(turn, evader, rules.evader, end)
+        if turn.agents[ACTIVE, evader] != 0 and turn.plan[CAPTORS, evader] == 0:
+            add_goal_reward(turn, rewards, evader, rules.evader, end)
     for runner in runners_of(rules.teams):
-        add_goal_reward(turn, runner, rules.runner, end)
+        add_goal_reward(turn, rewards, runner, rules.runner, end)
 
 
 @inlined
-def add_goal_reward(turn: Turn, agent: int, rewards: RewardCoefficients, end: int) -> None:
+def add_goal_reward(
+    turn: Turn, rewards: Earned, agent: int, coefficients: RewardCoefficients, end: int
+) -> None:
     """`add_goal_rewards` for one agent."""
-    event, earned = goals_taken_by(turn, agent, rewards)
-    turn.games.event[turn.game, agent] = event
-    if not pays_step(rewards, event, end):
-        turn.outcome.rewards[turn.game, agent] = earned
+    event, earned = goals_taken_by(turn, rewards, agent, coefficients.goal)
+    turn.agents[EVENT, agent] = event
+    if not pays_step(coefficients, event, end):
+        rewards[agent] = earned
 
 
 @inlined
-def add_per_evader_rewards(turn: Turn, pays: bool) -> None:
+def add_per_evader_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
-    teams, rewards, real = turn.rules.teams, turn.rules.chaser, turn.outcome.rewards.dtype.type
+    teams, coefficients, real = turn.rules.teams, turn.rules.chaser, rewards.dtype.type
     total = real(0.0)
     for evader in evaders_of(teams):
-        if is_free(turn, evader) != 0:
-            if turn.plan.captors[evader] > 0:
-                earned = real(rewards.capture)
-            elif turn.plan.captors[evader] < 0:
-                earned = real(rewards.escape)
+        if is_free(turn.agents, evader) != 0:
+            if turn.plan[CAPTORS, evader] > 0:
+                earned = real(coefficients.capture)
+            elif turn.plan[CAPTORS, evader] < 0:
+                earned = real(coefficients.escape)
             else:
-                event, earned = goals_taken_by(turn, evader, rewards)
-                earned = earned if event != 0 else real(rewards.step if pays else 0.0)
+                event, earned = goals_taken_by(turn, rewards, evader, coefficients.goal)
+                earned = earned if event != 0 else real(coefficients.step if pays else 0.0)
             total = real(total + earned)
     for chaser in chasers_of(teams):
-        turn.outcome.rewards[turn.game, chaser] = total
+        rewards[chaser] = total
 
 
 @inlined
-def add_touch_rewards(turn: Turn) -> None:
+def add_touch_rewards(turn: Turn, rewards: Earned) -> None:
     """Add the reward of every chaser for the evaders, free before the step, that are one move away.
 
     If the chasers move first, the evaders count where they stood before.
     """
-    rules, plan, rewards = turn.rules, turn.plan, turn.outcome.rewards
+    rules, plan = turn.rules, turn.plan
     first = rules.chasers_first and not rules.options.turns
     for chaser in chasers_of(rules.teams):
         touched = 0
         for evader in evaders_of(rules.teams):
-            stood = np.int64(turn.games.position[turn.game, evader])
-            cell = stood if first else np.int64(plan.after[evader])
-            touched += is_free(turn, evader) * leads_to(turn, plan.after[chaser], cell)
-        earned = rewards[turn.game, chaser] + rules.chaser.touch * touched
-        rewards[turn.game, chaser] = rewards.dtype.type(earned)
+            stood = np.int64(turn.agents[POSITION, evader])
+            cell = stood if first else np.int64(plan[AFTER, evader])
+            touched += is_free(turn.agents, evader) * leads_to(
+                turn.neighbors, turn.first_cell, plan[AFTER, chaser], cell
+            )
+        earned = rewards[chaser] + rules.chaser.touch * touched
+        rewards[chaser] = rewards.dtype.type(earned)
 
 
 @inlined
-def goals_taken_by(turn: Turn, agent: int, rewards: RewardCoefficients) -> tuple[int, float]:
-    """The event and reward of a collector; agents on one goal share its reward equally."""
-    plan, real = turn.plan, turn.outcome.rewards.dtype.type
+def goals_taken_by(turn: Turn, rewards: Earned, agent: int, worth: float) -> tuple[int, float]:
+    """The event and reward of a collector; agents on one goal share its `worth` equally."""
+    plan, real = turn.plan, rewards.dtype.type
     event, earned = 0, real(0.0)
-    for goal in goals_of(turn.rules.teams):
-        if plan.takers[goal] > 0 and turn.games.goal[turn.game, goal] == plan.after[agent]:
+    for number in goals_of(turn.rules.teams):
+        if plan[TAKERS, number] > 0 and turn.goals[GOAL, number] == plan[AFTER, agent]:
             event = COLLECTED
-            earned = real(earned + rewards.goal / plan.takers[goal])
+            earned = real(earned + worth / plan[TAKERS, number])
     return event, earned
 
 
@@ -168,8 +188,8 @@ def nearest_evader(turn: Turn, chaser: int) -> int:
     """The Manhattan distance to the nearest free evader; 0 if there is none."""
     plan, nearest = turn.plan, -1
     for evader in evaders_of(turn.rules.teams):
-        if turn.games.active[turn.game, evader] and plan.captors[evader] == 0:
-            nearest = nearer(turn, nearest, plan.after[chaser], plan.after[evader])
+        if turn.agents[ACTIVE, evader] and plan[CAPTORS, evader] == 0:
+            nearest = nearer(nearest, distance(turn, chaser, plan[AFTER, evader]))
     return max(nearest, 0)
 
 
@@ -178,7 +198,7 @@ def nearest_chaser(turn: Turn, evader: int) -> int:
     """The Manhattan distance to the nearest chaser; 0 if there is none."""
     plan, nearest = turn.plan, -1
     for chaser in chasers_of(turn.rules.teams):
-        nearest = nearer(turn, nearest, plan.after[evader], plan.after[chaser])
+        nearest = nearer(nearest, distance(turn, evader, plan[AFTER, chaser]))
     return max(nearest, 0)
 
 
@@ -187,14 +207,19 @@ def nearest_goal(turn: Turn, runner: int) -> int:
     """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
     plan, nearest = turn.plan, -1
     for goal in goals_of(turn.rules.teams):
-        cell = turn.games.goal[turn.game, goal]
-        if cell >= 0 and plan.takers[goal] == 0:
-            nearest = nearer(turn, nearest, plan.after[runner], cell)
+        cell = turn.goals[GOAL, goal]
+        if cell >= 0 and plan[TAKERS, goal] == 0:
+            nearest = nearer(nearest, distance(turn, runner, cell))
     return max(nearest, 0)
 
 
 @inlined
-def nearer(turn: Turn, nearest: int, a: int, b: int) -> int:
-    """The smaller of a distance, -1 if there is none yet, and that of two cells."""
-    away = manhattan(turn.world, turn.first_cell, a, b)
+def nearer(nearest: int, away: int) -> int:
+    """The smaller of two distances, the first of which is -1 if there is none yet."""
     return away if nearest < 0 or away < nearest else nearest
+
+
+@inlined
+def distance(turn: Turn, agent: int, cell: int) -> int:
+    """The Manhattan distance of an agent after the step from a cell."""
+    return manhattan(turn.facts, turn.first_cell, turn.plan[AFTER, agent], cell)

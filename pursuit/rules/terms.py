@@ -61,21 +61,29 @@ PLAIN = Options(CELL, 1, True, False, False, False, False, 0)
 
 
 class StepRules(NamedTuple):
-    """The settings of a task that the rules use.
+    """The settings of a task that a step uses."""
+
+    teams: Teams
+    max_steps: int
+    num_actions: int
+    chasers_first: bool
+    chaser: RewardCoefficients
+    evader: RewardCoefficients
+    runner: RewardCoefficients
+    options: Options
+
+
+class StartRules(NamedTuple):
+    """The settings of a task that the start of an episode uses.
 
     fixed_exits: [mazes * exits] int64, the exits of every maze, -1 if it has fewer; empty if exits
         are drawn at the start of an episode.
     """
 
     teams: Teams
-    max_steps: int
-    num_actions: int
-    chasers_first: bool
-    start_at_marks: bool
-    chaser: RewardCoefficients
-    evader: RewardCoefficients
-    runner: RewardCoefficients
-    options: Options
+    at_marks: bool
+    slips: bool
+    exits: int
     fixed_exits: Longs
 
 
@@ -92,7 +100,7 @@ def numbers_of(
     options: Options = PLAIN,
     fixed_exits: Sequence[int] = (),
 ) -> Longs:
-    """[...] int64: the teams and the integer rules, an argument of kernels; see `step_rules_of`."""
+    """[...] int64: the teams and the integer rules, an argument of kernels."""
     rules = (max_steps, num_actions, chasers_first, start_at_marks)
     return np.array([*teams, *rules, *options, *fixed_exits], dtype=np.int64)
 
@@ -120,10 +128,22 @@ def options_of(numbers: Longs) -> Options:
 
 
 @inlined
+def no_options(numbers: Longs) -> Options:
+    """The rules without options, as constants."""
+    return PLAIN
+
+
+@inlined
 def step_rules_of(teams: Teams, numbers: Longs, coefficients: Reals, options: Options) -> StepRules:
     """The rules for these teams and options: `numbers` is the result of `numbers_of`."""
     return StepRules(
-        teams, numbers[4], numbers[5], numbers[6] != 0, numbers[7] != 0,
-        rewards_of(coefficients[CHASER]), rewards_of(coefficients[EVADER]),
-        rewards_of(coefficients[RUNNER]), options, numbers[FIXED_EXITS_AT:],
+        teams, numbers[4], numbers[5], numbers[6] != 0, rewards_of(coefficients[CHASER]),
+        rewards_of(coefficients[EVADER]), rewards_of(coefficients[RUNNER]), options,
     )  # fmt: skip
+
+
+@inlined
+def start_rules_of(numbers: Longs, options: Options) -> StartRules:
+    """The rules of starts for these options: `numbers` is the result of `numbers_of`."""
+    fixed_exits = numbers[FIXED_EXITS_AT:]
+    return StartRules(teams_of(numbers), numbers[7] != 0, options.slips, options.exits, fixed_exits)

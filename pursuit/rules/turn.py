@@ -7,14 +7,20 @@ from typing import NamedTuple
 import numpy as np
 
 from pursuit.compilation.compiled import inlined
+from pursuit.rules.arrays import Ints, Reals
 from pursuit.rules.distances import place_of
 from pursuit.rules.layout import (
+    ACTIVE,
     ADJACENT,
+    AFTER,
+    CAPTORS,
+    FIRST_CELL,
+    MAZE,
+    MOVES,
+    POSITION,
     SURROUND,
-    Games,
-    Outcome,
+    Memory,
     StepRules,
-    StepScratch,
     World,
     stay_of,
 )
@@ -23,30 +29,43 @@ from pursuit.rules.layout import (
 @inlined
 def legal_moves(world: World, maze: int, cell: int) -> int:
     """The bit mask of the moves that change the cell."""
-    return np.int64(world.moves[place_of(world.first_cell[maze], cell)])
+    return np.int64(world.facts[MOVES, place_of(world.mazes[FIRST_CELL, maze], cell)])
 
 
 class Turn(NamedTuple):
     """One game of a batch in a step.
 
-    first_cell: the index in the arrays of `world` of the first cell of the game's maze. plan: the
-    decisions of the step.
+    agents, goals, clocks, reals: the rows of the game in those of `Memory`. neighbors, facts: those
+    of `World`, in which the cells of the game's maze begin at `first_cell`. plan: the scratch
+    memory of the step, see `layout.scratch_for`.
     """
 
-    games: Games
-    game: int
+    agents: Ints
+    goals: Ints
+    clocks: Ints
+    reals: Reals
     rules: StepRules
-    world: World
+    neighbors: Ints
+    facts: Ints
     first_cell: int
-    plan: StepScratch
-    outcome: Outcome
+    plan: Ints
+
+
+@inlined
+def turn_of(memory: Memory, game: int, rules: StepRules, world: World, plan: Ints) -> Turn:
+    """The step of one game of a batch."""
+    return Turn(
+        memory.agents[game], memory.goals[game], memory.clocks[game], memory.reals[game],
+        rules, world.neighbors, world.facts,
+        world.mazes[FIRST_CELL, memory.clocks[game, MAZE]], plan,
+    )  # fmt: skip
 
 
 @inlined
 def destination(turn: Turn, agent: int, action: int) -> int:
     """The cell that an agent's action leads to."""
-    cell = place_of(turn.first_cell, turn.games.position[turn.game, agent])
-    return turn.world.neighbors[cell, np.uint64(action)]
+    cell = place_of(turn.first_cell, turn.agents[POSITION, agent])
+    return turn.neighbors[cell, np.uint64(action)]
 
 
 @inlined
@@ -56,22 +75,22 @@ def meets_evader(turn: Turn, chaser: int, evader: int) -> bool:
     With "surround" that is to stand where a move of the evader leads to; whether this is so of all
     such cells is decided in `option_step`.
     """
-    capture, after = turn.rules.options.capture, turn.plan.after
+    capture, cells, after = turn.rules.options.capture, turn.agents[POSITION], turn.plan[AFTER]
+    here, there = after[chaser], after[evader]
     if capture == SURROUND:
-        return leads_to(turn, after[evader], after[chaser])
-    if capture == ADJACENT and leads_to(turn, after[chaser], after[evader]):
+        return leads_to(turn.neighbors, turn.first_cell, there, here)
+    if capture == ADJACENT and leads_to(turn.neighbors, turn.first_cell, here, there):
         return True
-    cells = turn.games.position[turn.game]
-    swapped = (after[chaser] == cells[evader]) & (after[evader] == cells[chaser])
-    return (after[chaser] == after[evader]) | (swapped & (not turn.rules.chasers_first))
+    swapped = (here == cells[evader]) & (there == cells[chaser])
+    return (here == there) | (swapped & (not turn.rules.chasers_first))
 
 
 @inlined
-def leads_to(turn: Turn, cell: int, other: int) -> bool:
+def leads_to(neighbors: Ints, first_cell: int, cell: int, other: int) -> bool:
     """Whether a move leads from a cell to another one."""
-    place, found = place_of(turn.first_cell, cell), False
-    for action in range(stay_of(turn.world)):
-        found |= turn.world.neighbors[place, action] == other
+    place, found = place_of(first_cell, cell), False
+    for action in range(stay_of(neighbors)):
+        found |= neighbors[place, action] == other
     return found & (cell != other)
 
 
@@ -80,10 +99,10 @@ def may_collect(turn: Turn, agent: int) -> bool:
     """Whether an agent is a runner, or an evader that is free and stays in the game now."""
     if agent >= turn.rules.teams.chasers + turn.rules.teams.evaders:
         return True
-    return (turn.games.active[turn.game, agent] != 0) & (turn.plan.captors[agent] == 0)
+    return (turn.agents[ACTIVE, agent] != 0) & (turn.plan[CAPTORS, agent] == 0)
 
 
 @inlined
-def is_free(turn: Turn, evader: int) -> int:
+def is_free(agents: Ints, evader: int) -> int:
     """1 if an evader was free before the step, 0 if it had been captured."""
-    return np.int64(turn.games.active[turn.game, evader] != 0)
+    return np.int64(agents[ACTIVE, evader] != 0)

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
-from pursuit.mazes.maze_arrays import MazeArrays
 from pursuit.rules import layout
 from pursuit.rules.arrays import Array
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Games, World
 from pursuit.rules.randomness import uniform_numbers
 from pursuit.tasks.task import ROLES, Task
 from pursuit.validation import shortened
@@ -85,7 +84,7 @@ class GameView(GameArrays):
     games: Games
     streams: NDArray[np.uint64]
     epsilon: NDArray[np.float64]
-    mazes: MazeArrays
+    mazes: World
     observe: Callable[..., Array]
     whole: GameView | None = None
     chosen: NDArray[np.intp] | None = None
@@ -103,7 +102,7 @@ class GameView(GameArrays):
         """
         return replace(
             self,
-            games=Games(*(array[games] for array in self.games)),
+            games=layout.copied_games(self.games, games),
             streams=self.streams[games],
             epsilon=self.epsilon[games],
             observe=lambda *form: self.observe(*form)[games],

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pursuit import rules
 from pursuit.mazes.maze_arrays import lay_out
 from pursuit.memory import check_memory
 from pursuit.observations.observations import Encoder
-from pursuit.rules import layout, start_games
+from pursuit.rules import layout
 from pursuit.rules.arrays import Array
 from pursuit.simulator.batch import Batch
 from pursuit.simulator.next_episode import (
@@ -138,7 +139,8 @@ class Simulator(GameArrays, Batch[Task]):
         fill_epsilon(self._epsilon, shares)
 
     def _start(self, chosen: NDArray[np.bool_]) -> None:
-        start_games(*self._kernel_arrays, chosen)
+        kernel = rules.step_games_of(self.task.teams, self.task.options)
+        rules.start_games(kernel, self._kernel_arrays, chosen)
 
     def step(self, actions: ArrayLike) -> None:
         """Step all games. Results are in the attributes.
@@ -157,7 +159,8 @@ class Simulator(GameArrays, Batch[Task]):
             and actions.shape == self._actions_shape
         ):
             actions = self._checked_actions(actions)
-        if self._step_games(*self._kernel_arrays, actions, self.auto_restart) != layout.OK:
+        mode = layout.RESTART if self.auto_restart else layout.NO_RESTART
+        if self._step_games(*self._kernel_arrays, actions, mode) != layout.OK:
             stay = self.task.num_moves
             game, seat = np.argwhere((actions < 0) | (actions >= self.task.num_actions))[0]
             raise ValueError(
@@ -353,7 +356,7 @@ class Simulator(GameArrays, Batch[Task]):
         final = self._outcome.final
         if games is not None:
             chosen = game_indices(games, self.num_games)
-            final = layout.Games(*(array[chosen] for array in final))
+            final = layout.copied_games(final, chosen)
         return self._encode(final, encoding, seat, dtype)
 
     def _encode(

@@ -26,15 +26,15 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
     roles, distances = roles_of(task.seat_roles), distances_of(task.mazes)
 
     def step_games(*arguments: Any) -> int:
-        *arrays, actions, auto_restart = arguments
+        *arrays, actions, mode = arguments
         memory = layout.Memory(*arrays[: len(layout.Memory._fields)])
         outcome: layout.Outcome = layout.named_views(layout.outcome_of, memory)
         before = _copied(memory, roles, distances)
         returns, flags = outcome.returns.copy(), memory.flags.copy()
-        if auto_restart:  # the games that ended have restarted, so all games move
+        if mode == layout.RESTART:  # the games that ended have restarted, so all games move
             memory.flags[:] = False
         playing = ~(outcome.terminated | outcome.truncated)
-        status = int(entry(*arrays, actions, False))
+        status = int(entry(*arrays, actions, layout.NO_RESTART))
         if status != layout.OK:
             memory.flags[:] = flags
             return status
@@ -49,10 +49,9 @@ def _with_custom_rewards(entry: Any, function: RewardFunction, task: Task) -> An
         np.add(returns, outcome.rewards, out=outcome.returns)
         ended = playing & (outcome.terminated | outcome.truncated)
         outcome.episode_returns[ended] = outcome.returns[ended]
-        if auto_restart and ended.any():
+        if mode == layout.RESTART and ended.any():
             flags[:] = memory.flags
-            start: Any = rules.start_games
-            start(*arrays, ended)
+            rules.start_games(entry, arrays, ended)
             memory.flags[:] = flags
         return status
 

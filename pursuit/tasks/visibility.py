@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze, table_of_distances
-from pursuit.rules.layout import UNREACHABLE, Games
+from pursuit.rules.layout import UNREACHABLE, Games, copied_games
 from pursuit.rules.visibility import SEES_ALL
 from pursuit.validation import FrozenDict, check, check_bool, is_int, whole
 from pursuit.validation import unknown as unknown_name
@@ -136,14 +136,14 @@ class Visibility:
             return games
         own = games.position[:, seat].astype(np.int64)
         row = self.begin[seat][games.maze] + own * self.begin[-1][games.maze]
-        position, active, event = games.position.copy(), games.active.copy(), games.event.copy()
+        seen = copied_games(games, slice(None))
+        position, active, event = seen.position, seen.active, seen.event
         agents = ~self.table[row[:, None] + position]
         position[agents], active[agents], event[agents] = -1, 0, 0
-        goal, exits = games.goal.copy(), games.exit.copy()
-        for places in (goal, exits):
+        for places in (seen.goal, seen.exit):
             hidden = (places >= 0) & ~self.table[row[:, None] + np.maximum(places, 0)]
             places[hidden] = -1
-        return games._replace(position=position, active=active, event=event, goal=goal, exit=exits)
+        return seen
 
 
 @lru_cache(maxsize=64)

@@ -28,6 +28,9 @@ from pursuit.rules.distances import (
     table_distance,
 )
 from pursuit.rules.layout import (
+    DIRECTED,
+    FIRST_CELL,
+    NUM_CELLS,
     Games,
     Search,
     Teams,
@@ -37,7 +40,6 @@ from pursuit.rules.layout import (
     goals_of,
     stay_of,
     stream_of,
-    world_of,
 )
 from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.randomness import draw_action
@@ -72,15 +74,15 @@ def mask_fleeing(
         farthest = max(farthest, away)
     mask = 0
     if farthest == own_distance:
-        mask = 1 << stay_of(world) if stay_action else legal_moves(world, maze, own)
+        mask = 1 << stay_of(world.neighbors) if stay_action else legal_moves(world, maze, own)
     else:
         for i in range(seen):
             cell = look.queue[i]
             if farthest != distance_within(world, path, maze, threat, cell, reach):
                 continue
             steps = np.int64(look.distance[cell])
-            for action in moves_of(world):
-                after = world.neighbors[world.first_cell[maze] + own, action]
+            for action in moves_of(world.neighbors):
+                after = world.neighbors[world.mazes[FIRST_CELL, maze] + own, action]
                 if after != own and not mask >> action & 1:
                     rest = distance_within(world, path, maze, after, cell, steps)
                     if rest == steps - 1:
@@ -94,26 +96,25 @@ def first_steps(world: World, maze: Any, own: Any, target: Any) -> Any:
     """The bit mask of the first steps of shortest paths to another cell; 0 if there is no path."""
     distance: Any = table_distance(world, maze, own, target)
     mask: Any = 0
-    for action in moves_of(world):
-        after = world.neighbors[world.first_cell[maze] + own, action]
+    for action in moves_of(world.neighbors):
+        after = world.neighbors[world.mazes[FIRST_CELL, maze] + own, action]
         if table_distance(world, maze, after, target) == distance - 1:
             mask |= 1 << action
     return mask
 
 
 @compiled
-def fill_greedy_table(kind: int, mazes: Any, scratch: Any, settings: Any, greedy: Any) -> None:
+def fill_greedy_table(kind: int, world: World, scratch: Any, settings: Any, greedy: Any) -> None:
     """Fill `greedy` with the mask at [own, other], in the layout of `tables`; by default all moves.
 
     `settings` is (epsilon, alert distance, look radius, stay action).
     """
-    world = world_of(*mazes)
     alert = settings[1]
-    for maze in range(world.num_cells.shape[0]):
+    for maze in range(world.mazes.shape[1]):
         if not has_table(world, maze):
             continue
-        for own in range(world.num_cells[maze]):
-            for other in range(world.num_cells[maze]):
+        for own in range(world.mazes[NUM_CELLS, maze]):
+            for other in range(world.mazes[NUM_CELLS, maze]):
                 mask: Any = 0
                 if kind == EVADER and 0 < table_distance(world, maze, other, own) < alert:
                     mask = mask_fleeing(world, scratch, maze, own, other, settings)
@@ -172,13 +173,13 @@ def use_table(world: World, maze: int, pairs: int) -> bool:
 
     A search starts at the targets, so directed graphs always use the table.
     """
-    few = pairs <= PAIRS_A_CELL * world.num_cells[maze]
-    return has_table(world, maze) and (few or world.directed[maze] != 0)
+    few = pairs <= PAIRS_A_CELL * world.mazes[NUM_CELLS, maze]
+    return has_table(world, maze) and (few or world.mazes[DIRECTED, maze] != 0)
 
 
 @compiled
 def list_moves(
-    kind: int, games: Games, seat: int, counts: Any, mazes: Any, greedy: Any, targets: Any,
+    kind: int, games: Games, seat: int, counts: Any, world: World, greedy: Any, targets: Any,
     moves: Any,
 ) -> None:  # fmt: skip
     """Fill `moves` [games, 2] with the masks that actions are drawn from: greedy, and every move.
@@ -187,7 +188,6 @@ def list_moves(
     All mazes must have tables.
     """
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
-    world = world_of(*mazes)
     for game in range(moves.shape[0]):
         row, mask = np.uint64(game), np.int64(0)
         maze, own = np.int64(games.maze[row]), np.int64(games.position[row, np.uint64(seat)])
@@ -202,7 +202,7 @@ def list_moves(
 
 @compiled
 def draw_moves(
-    games: Games, streams: Any, epsilon_of: Any, seat: int, mazes: Any, masks: Any, settings: Any,
+    games: Games, streams: Any, epsilon_of: Any, seat: int, world: World, masks: Any, settings: Any,
     actions: Any,
 ) -> None:  # fmt: skip
     """Fill `actions` [games] with draws from `masks` [games]; a mask of 0 stands for every move.
@@ -210,8 +210,7 @@ def draw_moves(
     `settings` is (epsilon, stay action). Its epsilon applies where that of the game is NaN.
     """
     default, stay_action = settings
-    world = world_of(*mazes)
-    empty = stay_of(world) * np.int64(stay_action)
+    empty = stay_of(world.neighbors) * np.int64(stay_action)
     for game in range(actions.shape[0]):
         every = legal_moves(world, np.int64(games.maze[game]), np.int64(games.position[game, seat]))
         mask, epsilon = np.int64(masks[game]), epsilon_of[game, seat]
@@ -242,8 +241,8 @@ def entry_for(kind: int) -> Any:
         default, alert, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of, exit_of)
         teams = Teams(counts[0], counts[1], counts[2], counts[3])
-        world = world_of(mazes, neighbors, facts, tables)
-        empty = stay_of(world) * np.int64(stay_action)
+        world = World(mazes, neighbors, facts, tables)
+        empty = stay_of(world.neighbors) * np.int64(stay_action)
         field = Search(scratch[FIELD_DISTANCE], scratch[FIELD_QUEUE])  # from all targets
         owner, targets = scratch[FIELD_OWNER], scratch[TARGETS]
         for game in range(actions.shape[0]):

@@ -13,7 +13,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.batches import MOST_KNOWN
-from pursuit.rules.layout import CHASER, EVADER, Games, stay_of, world_of
+from pursuit.rules.layout import CHASER, EVADER, Games, World, stay_of
 from pursuit.rules.lookups import away_from_nearest, towards_nearest, write_action
 from pursuit.rules.turn import legal_moves
 from scripted_agents.agents.kernels import add_target
@@ -54,8 +54,8 @@ def team_entry_for(kind: int, num_seats: int, num_targets: int) -> Any:
             return  # never happens; the check gives the compiler the memory layout
         default, _, _, stay_action = settings
         games = Games(position, active, event, goal, steps, maze_of, exit_of)
-        world = world_of(mazes, neighbors, facts, tables)
-        empty: Any = stay_of(world) * np.int64(stay_action)
+        world = World(mazes, neighbors, facts, tables)
+        empty: Any = stay_of(world.neighbors) * np.int64(stay_action)
         targets = scratch[scratch.shape[0] - 1]  # the last row is not used by searches
         first, column = np.uint64(seats[0]), np.uint64(columns[0])
         first_target = np.uint64(counts[0] if kind == CHASER else 0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined
 from pursuit.rules.distances import FAR, moves_of, table_distance
-from pursuit.rules.layout import Games, Teams, World, chasers_of, evaders_of, stay_of, world_of
+from pursuit.rules.layout import FIRST_CELL, Games, Teams, World, chasers_of, evaders_of, stay_of
 from scripted_agents.agents.kernels import first_steps
 
 
@@ -18,10 +18,10 @@ from scripted_agents.agents.kernels import first_steps
 def waiting(world: World, maze: Any, own: Any, stay_action: bool) -> Any:
     """The bit mask of the actions that keep the cell: stay or, without it, moves into a wall."""
     if stay_action:
-        return 1 << stay_of(world)
+        return 1 << stay_of(world.neighbors)
     mask = 0
-    for action in moves_of(world):
-        mask |= (world.neighbors[world.first_cell[maze] + own, action] == own) << action
+    for action in moves_of(world.neighbors):
+        mask |= (world.neighbors[world.mazes[FIRST_CELL, maze] + own, action] == own) << action
     return mask
 
 
@@ -55,7 +55,7 @@ def place_around(
     """
     maze: Any = np.int64(games.maze[game])
     here: Any = np.int64(games.position[game, evader])
-    first = world.first_cell[maze]
+    first = world.mazes[FIRST_CELL, maze]
     for chaser in chasers_of(teams):
         targets[chaser] = -1
     for _ in chasers_of(teams):
@@ -64,7 +64,7 @@ def place_around(
         for chaser in chasers_of(teams):
             if targets[chaser] >= 0:
                 continue
-            for action in moves_of(world):
+            for action in moves_of(world.neighbors):
                 cell: Any = np.int64(world.neighbors[first + here, action])
                 free = cell != here
                 for other in chasers_of(teams):
@@ -82,11 +82,10 @@ def place_around(
 
 @compiled
 def list_surrounding_moves(
-    games: Games, seat: int, counts: Any, mazes: Any, stay_action: bool, targets: Any, moves: Any
+    games: Games, seat: int, counts: Any, world: World, stay_action: bool, targets: Any, moves: Any
 ) -> None:
     """Fill `moves` [games] with the greedy moves of a chaser to its cell next to an evader."""
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
-    world = world_of(*mazes)
     for game in range(moves.shape[0]):
         maze: Any = np.int64(games.maze[game])
         own: Any = np.int64(games.position[game, seat])
@@ -101,11 +100,10 @@ def list_surrounding_moves(
 
 
 @compiled
-def list_escaping_moves(games: Games, seat: int, counts: Any, mazes: Any, moves: Any) -> None:
+def list_escaping_moves(games: Games, seat: int, counts: Any, world: World, moves: Any) -> None:
     """Write the first steps to the nearest exits that an evader reaches before any chaser into
     `moves` [games]; games without such an exit are left as they are."""
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
-    world = world_of(*mazes)
     for game in range(moves.shape[0]):
         maze: Any = np.int64(games.maze[game])
         own: Any = np.int64(games.position[game, seat])

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
-from pursuit.mazes.maze_arrays import MazeArrays, lay_out
+from pursuit.mazes.maze_arrays import lay_out
 from pursuit.rules import layout
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import MOVES, Games, World
 from pursuit.rules.randomness import PACKED_BITS
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
@@ -111,7 +111,7 @@ class Scripted:
         arrays = lay_out((maze,))
         greedy = self._greedy_table(arrays, stay_action)
         pairs = (maze.num_cells, maze.num_cells)
-        every = np.broadcast_to(arrays.world.moves[:, None], pairs)
+        every = np.broadcast_to(arrays.facts[MOVES, :, None], pairs)
         known = MoveSets(maze.num_moves, stay_action)
         numbers = known.numbers(greedy.reshape(pairs), every)
         return known.rows(self.epsilon)[numbers]
@@ -170,7 +170,7 @@ class Scripted:
         """The settings as arguments of kernels."""
         return self.epsilon, self.alert_distance, self.look_radius, stay_action
 
-    def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[Any]:
+    def _greedy_table(self, mazes: World, stay_action: bool) -> NDArray[Any]:
         """The bit masks of greedy moves at [own, other], in the layout of the distance tables."""
         tables = mazes.tables
         key = (id(tables), stay_action)
@@ -260,9 +260,7 @@ class MoveSets:
         return rows
 
 
-def greedy_moves(
-    kind: int, mazes: MazeArrays, settings: tuple[float, int, int, bool]
-) -> NDArray[Any]:
+def greedy_moves(kind: int, mazes: World, settings: tuple[float, int, int, bool]) -> NDArray[Any]:
     """The bit masks of greedy moves at [own, other], in the layout of the distance tables.
 
     They are uint8 where eight bits are enough, else uint32. All moves if none is preferred; 0 for

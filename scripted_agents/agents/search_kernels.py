@@ -15,13 +15,13 @@ from pursuit.rules.distances import NO_PATH, pair_index, table_distance
 from pursuit.rules.layout import (
     CHASER,
     EVADER,
+    NUM_CELLS,
     Games,
     Teams,
     World,
     chasers_of,
     evaders_of,
     goals_of,
-    world_of,
 )
 
 FAR = 2**30
@@ -47,7 +47,7 @@ class SearchMemory(NamedTuple):
 def mark_visible(world: World, maze: int, own: int, step: int, visible: Any, seen_at: Any) -> None:
     """Store the step for all cells in view."""
     first = pair_index(world, maze, own, 0)
-    for cell in range(world.num_cells[maze]):
+    for cell in range(world.mazes[NUM_CELLS, maze]):
         seen_at[cell] = step if visible[first + cell] else seen_at[cell]
 
 
@@ -59,7 +59,7 @@ def moves_to_longest_unseen(world: World, maze: int, own: int, towards: Any, see
     So all cells are seen eventually, without a stored destination.
     """
     mask, oldest, nearest, first = 0, FAR, FAR, pair_index(world, maze, own, 0)
-    for cell in range(world.num_cells[maze]):
+    for cell in range(world.mazes[NUM_CELLS, maze]):
         if seen_at[cell] > oldest:
             continue
         distance = np.int64(world.tables[first + cell])
@@ -156,7 +156,7 @@ def flee(
 
 @compiled
 def list_moves_in_view(
-    role: int, games: Games, seat: int, counts: Any, mazes: Any, visible: Any, moves: Any,
+    role: int, games: Games, seat: int, counts: Any, world: World, visible: Any, moves: Any,
     rows: Any, kept: SearchMemory, remembered: int, masks: Any,
 ) -> None:  # fmt: skip
     """Fill `masks` [games] with the moves of an agent of this role; 0 for any move.
@@ -167,7 +167,6 @@ def list_moves_in_view(
     else 0.
     """
     teams = Teams(counts[0], counts[1], counts[2], counts[3])
-    world = world_of(*mazes)
     for game in range(masks.shape[0]):
         row, own = rows[game], np.int64(games.position[game, seat])
         if role == CHASER:

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import compiled
-from pursuit.rules.layout import Games, stay_of, stream_of, team_stream, world_of
+from pursuit.rules.layout import NUM_CELLS, Games, World, stay_of, stream_of, team_stream
 from pursuit.rules.randomness import draw_action, mix, next_uniform
 from pursuit.rules.turn import legal_moves
 
 
 @compiled
 def sample_table(
-    games: Games, streams: Any, epsilon_of: Any, seat: int, opponents: Any, mazes: Any,
+    games: Games, streams: Any, epsilon_of: Any, seat: int, opponents: Any, world: World,
     cumulative: Any, table_offsets: Any, default: float, actions: Any,
 ) -> None:  # fmt: skip
     """Fill `actions` [games] from a policy table, given as cumulative sums over the actions.
@@ -22,9 +22,9 @@ def sample_table(
     The other cell is that of the first active opponent. `cumulative` is [all pairs, actions]; the
     pairs of maze m start at `table_offsets[m]`.
     """
-    world, stream = world_of(*mazes), stream_of(seat)
+    stream = stream_of(seat)
     num_actions = cumulative.shape[1]
-    empty = stay_of(world) if num_actions > stay_of(world) else 0
+    empty = stay_of(world.neighbors) if num_actions > stay_of(world.neighbors) else 0
     for game in range(actions.shape[0]):
         actions[game] = 0
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])
@@ -41,7 +41,7 @@ def sample_table(
             every = legal_moves(world, maze, own)
             actions[game] = draw_action(every, every, 0.0, empty, False, streams[game], stream)
             continue
-        pair = table_offsets[maze] + own * world.num_cells[maze] + other
+        pair = table_offsets[maze] + own * world.mazes[NUM_CELLS, maze] + other
         draw = next_uniform(streams[game], stream) * cumulative[pair, num_actions - 1]
         while actions[game] < num_actions - 1 and draw >= cumulative[pair, actions[game]]:
             actions[game] += 1

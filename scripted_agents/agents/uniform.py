@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.maze_arrays import MazeArrays
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Games, World
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.agents.scripted import Scripted, draw_actions
@@ -42,6 +41,6 @@ class UniformAgent(Scripted):
         moves[:, 0] = (1 << task.num_actions) - 1
         return moves
 
-    def _greedy_table(self, mazes: MazeArrays, stay_action: bool) -> NDArray[Any]:
+    def _greedy_table(self, mazes: World, stay_action: bool) -> NDArray[Any]:
         actions = mazes.neighbors.shape[1] - 1 + stay_action
         return np.full(len(mazes.tables), (1 << actions) - 1, dtype=np.uint32)

@@ -18,7 +18,7 @@ from pursuit.observations.masks import action_masks, task_has_masks, warn_of_mas
 from pursuit.observations.observations import Encoder
 from pursuit.replays.adapters import MazeAdapter
 from pursuit.rules.arrays import Array
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import Games, copied_games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import ACTIONS, Task
@@ -128,7 +128,7 @@ class MazeSeat(Seat):
         if not self.has_masks:
             return None
         own = slice(view.seat, view.seat + 1)
-        return action_masks(view.games, view.mazes.world, view.task, own)[:, 0]
+        return action_masks(view.games, view.mazes, view.task, own)[:, 0]
 
     @property
     def has_masks(self) -> bool:
@@ -193,7 +193,7 @@ class MazeSeat(Seat):
 
     def allowed(self, batch: Simulator, agents: slice) -> NDArray[np.bool_]:
         """As of `Seat`."""
-        world = lay_out(batch.task.mazes).world
+        world = lay_out(batch.task.mazes)
         return action_masks(batch.games, world, batch.task, agents, batch.terminated)
 
     def left(self, batch: Simulator, agents: slice) -> NDArray[np.bool_]:
@@ -231,7 +231,7 @@ def sees_cells_only(task: Task, encoding: str) -> bool:
     samples = [pairs_of_cells(task, maze, 0) for maze in mazes] or [Simulator(task, most).games]
     for sample in samples:
         step = 1 + len(sample.steps) * len(samples) // most
-        games = Games(*(array[::step].copy() for array in sample))
+        games = copied_games(sample, slice(None, None, step))
         games.steps[:] = 0
         at_first, last = encoder.encode(games), task.max_steps - 1
         for steps in (1, last // 2, last, np.arange(len(games.steps)) % task.max_steps):
@@ -357,7 +357,7 @@ class LearnedPolicy(NetworkPolicy):
         """[games, actions] float64, computed in batches of limited size."""
         probabilities = np.empty((len(games.steps), self.seat.num_actions))
         at_once = max(min(GAMES_AT_ONCE, NUMBERS_AT_ONCE // math.prod(self._shape)), 1)
-        own, world, allowed = slice(seat, seat + 1), lay_out(task.mazes).world, None
+        own, world, allowed = slice(seat, seat + 1), lay_out(task.mazes), None
         for first in range(0, len(probabilities), at_once):
             batch = slice(first, first + at_once)
             part = Games(*(array[batch] for array in games))

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pursuit.compilation.compiled import allocating, compiled, subroutine
+from pursuit.compilation.compiled import allocating, compiled, inlined, subroutine
 from pursuit.rules.captures import Duel, ends_duel
 from scripted_agents.exact.tolerances import TIE
 
@@ -151,6 +151,15 @@ def finish(values: Any, own: int, pairs: Pairs, line: Any, target: Any, change: 
         new[spot] = line[spot]
 
 
+@inlined
+def largest(changes: Any) -> Any:
+    """The largest of these numbers from 0 on; `max` of an array takes long to compile."""
+    found = 0.0
+    for change in changes:
+        found = change if change > found else found
+    return found
+
+
 @allocating
 def respond_rows(
     pairs: Pairs, step_cost: float, discount: float, values: Any, target: Any, first: int, last: int
@@ -172,7 +181,7 @@ def respond_rows(
         for spot in range(least.shape[0]):
             least[spot] = step_cost + discount * least[spot]
         finish(values, own, pairs, least, target, change)
-    return change.max()
+    return largest(change)
 
 
 @allocating
@@ -191,7 +200,7 @@ def evaluate_rows(
                 for spot in range(mean.shape[0]):
                     mean[spot] += discount * weight[spot] * line[spot]
         finish(values, own, pairs, mean, target, change)
-    return change.max()
+    return largest(change)
 
 
 @allocating

@@ -14,7 +14,7 @@ import numpy as np
 from pursuit.compilation.compiled import compiled, inlined, summing
 from pursuit.rules.captures import Duel, ends_duel
 from pursuit.rules.distances import pair_index, table_distance
-from pursuit.rules.layout import Games, World, world_of
+from pursuit.rules.layout import FIRST_CELL, NUM_CELLS, Games, World
 
 
 @inlined
@@ -22,7 +22,7 @@ def predict(
     world: World, maze: int, before: int, now: int, chances: Any, duel: Duel, belief: Any, work: Any
 ) -> None:
     """Predict a belief one step ahead by the opponent's table, given that there is no capture."""
-    size, first = world.num_cells[maze], world.first_cell[maze]
+    size, first = world.mazes[NUM_CELLS, maze], world.mazes[FIRST_CELL, maze]
     for cell in range(size):
         work[cell] = 0.0
     for cell in range(size):
@@ -41,20 +41,20 @@ def predict(
 def remove_visible(world: World, maze: int, own: int, visible: Any, belief: Any) -> bool:
     """Remove visible cells from a belief and normalise it; False if the belief becomes 0."""
     total = 0.0
-    for cell in range(world.num_cells[maze]):
+    for cell in range(world.mazes[NUM_CELLS, maze]):
         if visible[pair_index(world, maze, own, cell)]:
             belief[cell] = 0.0
         total += belief[cell]
     if total <= 0.0:
         return False
-    for cell in range(world.num_cells[maze]):
+    for cell in range(world.mazes[NUM_CELLS, maze]):
         belief[cell] /= total
     return True
 
 
 @compiled
 def update_beliefs(
-    games: Games, seat: int, other: int, mazes: Any, visible: Any, chances: Any, settings: Any,
+    games: Games, seat: int, other: int, world: World, visible: Any, chances: Any, settings: Any,
     rows: Any, belief: Any, known_at: Any, before: Any, work: Any,
 ) -> None:  # fmt: skip
     """Update the beliefs of all games by the current observation.
@@ -66,11 +66,10 @@ def update_beliefs(
     """
     own_chases, chasers_first, least = settings
     duel = Duel(own_chases, chasers_first)
-    world = world_of(*mazes)
     for game in range(rows.shape[0]):
         row, maze = rows[game], np.int64(games.maze[game])
         own, theirs = np.int64(games.position[game, seat]), np.int64(games.position[game, other])
-        mine, size = belief[row], world.num_cells[maze]
+        mine, size = belief[row], world.mazes[NUM_CELLS, maze]
         in_view = (
             games.active[game, other] != 0 and visible[pair_index(world, maze, own, theirs)] != 0
         )

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.rules.arrays import Array
+from pursuit.rules.layout import NUM_CELLS, TABLE
 from pursuit.simulator.policy import GameView, Memory, TabularPolicy, check_plays, role_of
 from pursuit.tasks.task import Task
 from pursuit.validation import check_discount, check_probability, one_of
@@ -187,8 +188,10 @@ class BeliefChaser(BeliefAgent):
         return f"{type(self).__name__}({', '.join(filter(None, settings))})"
 
     def _moves(self, view: GameView, belief: NDArray[np.float64]) -> NDArray[np.uint8]:
-        kept, world, maze = self._q_values.of(view), view.mazes.world, view.games.maze
-        first = world.table[maze] + view.positions[:, view.seat] * world.num_cells[maze]
+        kept, world, maze = self._q_values.of(view), view.mazes, view.games.maze
+        first = (
+            world.mazes[TABLE, maze] + view.positions[:, view.seat] * world.mazes[NUM_CELLS, maze]
+        )
         if self.response == "most_likely":
             pairs = first[:, None] + np.arange(belief.shape[1])
             pairs = np.minimum(pairs, len(kept["best"]) - 1)  # beyond a small maze the belief is 0
@@ -196,7 +199,7 @@ class BeliefChaser(BeliefAgent):
             likely = (belief > 0.0) & (belief >= most * (1.0 - EQUAL_VALUES))
             return np.bitwise_or.reduce(np.where(likely, kept["best"][pairs], 0), axis=1)
         masks, workspace = np.empty(view.num_games, dtype=np.uint8), np.empty(view.task.num_actions)
-        sizes, most = world.num_cells[maze], 1.0 + EQUALLY_GOOD
+        sizes, most = world.mazes[NUM_CELLS, maze], 1.0 + EQUALLY_GOOD
         belief_kernels.least_expected(
             first, sizes, belief, kept["q_values"], most, workspace, masks
         )

@@ -17,10 +17,18 @@ import numpy as np
 
 from pursuit.compilation.compiled import compiled, inlined, subroutine
 from pursuit.rules import layout
-from pursuit.rules.layout import Games, Outcome, StepRules, StepScratch, Teams, World, stay_of
+from pursuit.rules.layout import (
+    NUM_CELLS,
+    Games,
+    StepRules,
+    Teams,
+    World,
+    stay_of,
+)
 from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import is_exit
 from pursuit.rules.step import step
+from pursuit.rules.turn import turn_of
 from scripted_agents.exact.joint.layout import Numbering, Players, Quantities, Store, Workspace
 
 # -- numbers ---------------------------------------------------------------------------------------
@@ -111,7 +119,7 @@ def can_be(games: Games, game: int, teams: Teams, always_captures: bool) -> bool
             here = games.position[game, chaser] == games.position[game, evader]
             if here and always_captures:
                 return False
-        if is_exit(games, game, games.position[game, evader], games.exit.shape[1]):
+        if is_exit(games.exit[game], games.position[game, evader], games.exit.shape[1]):
             return False
     for goal in layout.goals_of(teams):
         cell = games.goal[game, goal]
@@ -207,7 +215,7 @@ def list_options(
         if not free:
             joint = 0
             for _ in range(first, last):
-                joint = joint * rules.num_actions + (stay_of(world) if waiting else 0)
+                joint = joint * rules.num_actions + (stay_of(world.neighbors) if waiting else 0)
             work.option[player, 0], work.chance[player, 0], many = joint, 1.0, 1
             work.keeps[player] = 0
         elif player < players.deciding:
@@ -270,71 +278,89 @@ def pick_next(work: Workspace, first: int, last: int) -> None:
         work.pick[player] = 0
 
 
-@inlined
-def expand(
-    games: Games, rules: StepRules, world: World, plan: StepScratch, outcome: Outcome,
-    memory: layout.Memory, numbering: Numbering, players: Players, quantities: Quantities,
-    work: Workspace, store: Store, state: int, plain: bool,
-) -> None:  # fmt: skip
-    """Store the transitions of the current state of the game.
+def expand_by(step_once: Any) -> Any:
+    """The expansion of a state by `step` or, for rules with options, by `step_with_options`."""
 
-    `plain`, a constant, promises that the rules have no options. Moves do not slip here; see
-    `sweep`.
-    """
-    agents, cells, number = players.seats.shape[0], int(world.num_cells[0]), work.best.shape[0]
-    steps = np.int64(games.steps[0])
-    new_round = not rules.options.turns or (steps & 1) == 0
-    for agent in layout.agents_of(rules.teams):
-        work.cells[agent] = games.position[0, agent]
-        work.active[agent] = games.active[0, agent]
-    for goal in layout.goals_of(rules.teams):
-        work.goals[goal] = games.goal[0, goal]
-    list_options(rules, world, players, state, steps, work)
-    ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
-    for player in range(all_players):
-        work.pick[player] = 0
-        if player < players.deciding:
-            ours *= work.many[player]
-        else:
-            theirs *= work.many[player]
-    store.shape[state, 0], store.shape[state, 1] = ours, theirs
-    store.shape[state, 2] = work.many[0]
-    store.shape[state, 3] = not rules.options.turns or not new_round
-    for player in range(store.slips.shape[0]):
-        store.axes[state, player, 0] = work.many[player]
-        store.axes[state, player, 1] = work.keeps[player]
-    pair, edge = store.pairs[state], store.edges[state]
-    for own in range(ours):
-        write_actions(players, work, 0, players.deciding, rules.num_actions)
-        pick_next(work, 0, players.deciding)
-        joint = 0
-        for seat in range(players.deciding):
-            joint = joint * rules.num_actions + work.actions[0, players.seats[seat]]
-        store.joints[edge + own] = joint
-        for q in range(number):
-            lasts = 0
-            for agent in range(agents):
-                lasts |= quantities.lasting[q, agent] & work.active[agent]
-            store.sides[edge + own * number + q] = lasts if new_round else 0
-        for other in range(theirs):
-            chance = write_actions(players, work, players.deciding, all_players, rules.num_actions)
-            pick_next(work, players.deciding, all_players)
-            restore_game(games, rules, work, steps)
-            if plain:
-                end = step(games, 0, work.actions, rules, world, plan, outcome)
+    @inlined
+    def expand(
+        games: Games, rules: StepRules, world: World, memory: layout.Memory, scratch: Any,
+        numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
+        store: Store, state: int,
+    ) -> None:  # fmt: skip
+        """Store the transitions of the current state of the game.
+
+        Moves do not slip here; see `sweep`.
+        """
+        agents, number = players.seats.shape[0], work.best.shape[0]
+        cells = int(world.mazes[NUM_CELLS, 0])
+        steps = np.int64(games.steps[0])
+        new_round = not rules.options.turns or (steps & 1) == 0
+        for agent in layout.agents_of(rules.teams):
+            work.cells[agent] = games.position[0, agent]
+            work.active[agent] = games.active[0, agent]
+        for goal in layout.goals_of(rules.teams):
+            work.goals[goal] = games.goal[0, goal]
+        list_options(rules, world, players, state, steps, work)
+        ours, theirs, all_players = 1, 1, players.begins.shape[0] - 1
+        for player in range(all_players):
+            work.pick[player] = 0
+            if player < players.deciding:
+                ours *= work.many[player]
             else:
-                end = step_with_options(games, 0, work.actions, rules, world, plan, outcome, memory)
-            ended = end == layout.TERMINATED
-            following = int(np.int64(-1))
-            if not ended:
-                following = number_of(games, 0, rules.teams, cells, numbering)
-            store.following[pair + own * theirs + other] = following
-            store.sides[edge + ours * number + other] = chance
+                theirs *= work.many[player]
+        store.shape[state, 0], store.shape[state, 1] = ours, theirs
+        store.shape[state, 2] = work.many[0]
+        store.shape[state, 3] = not rules.options.turns or not new_round
+        for player in range(store.slips.shape[0]):
+            store.axes[state, player, 0] = work.many[player]
+            store.axes[state, player, 1] = work.keeps[player]
+        pair, edge = store.pairs[state], store.edges[state]
+        turn = turn_of(memory, 0, rules, world, scratch)
+        for own in range(ours):
+            write_actions(players, work, 0, players.deciding, rules.num_actions)
+            pick_next(work, 0, players.deciding)
+            joint = 0
+            for seat in range(players.deciding):
+                joint = joint * rules.num_actions + work.actions[0, players.seats[seat]]
+            store.joints[edge + own] = joint
             for q in range(number):
-                worth = quantities.ending[q] if ended else 0.0
+                lasts = 0
                 for agent in range(agents):
-                    worth += quantities.reward_weights[q, agent] * outcome.rewards[0, agent]
-                store.sides[edge + own * number + q] += chance * worth
+                    lasts |= quantities.lasting[q, agent] & work.active[agent]
+                store.sides[edge + own * number + q] = lasts if new_round else 0
+            for other in range(theirs):
+                chance = write_actions(
+                    players, work, players.deciding, all_players, rules.num_actions
+                )
+                pick_next(work, players.deciding, all_players)
+                restore_game(games, rules, work, steps)
+                end = step_once(turn, work.actions[0], memory.streams[0], memory.rewards[0])
+                ended = end == layout.TERMINATED
+                following = int(np.int64(-1))
+                if not ended:
+                    following = number_of(games, 0, rules.teams, cells, numbering)
+                store.following[pair + own * theirs + other] = following
+                store.sides[edge + ours * number + other] = chance
+                for q in range(number):
+                    worth = quantities.ending[q] if ended else 0.0
+                    for agent in range(agents):
+                        worth += quantities.reward_weights[q, agent] * memory.rewards[0, agent]
+                    store.sides[edge + own * number + q] += chance * worth
+
+    return expand
+
+
+expand_plainly, expand_with_options = expand_by(step), expand_by(step_with_options)
+
+
+@inlined
+def options_without_slips(numbers: Any) -> layout.Options:
+    """`layout.options_of`, without slips."""
+    options = layout.options_of(numbers)
+    return layout.Options(
+        options.capture, options.n_catch, options.recheck, options.block, options.turns, False,
+        options.touches, options.exits,
+    )  # fmt: skip
 
 
 def entry_for(duel: bool, plain: bool) -> Any:
@@ -343,38 +369,33 @@ def entry_for(duel: bool, plain: bool) -> Any:
 
     @compiled
     def fill_store(
-        memory: layout.Memory, numbers: Any, coefficients: Any, mazes: Any, scratch: Any,
+        memory: layout.Memory, numbers: Any, coefficients: Any, world: World, scratch: Any,
         numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
         store: Store, first: int, last: int,
     ) -> None:  # fmt: skip
         """Store what follows the states from `first` to `last` - 1 that the store has room for."""
         teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
-        options = layout.PLAIN if plain else without_slips(layout.options_of(numbers))
+        options = layout.PLAIN if plain else options_without_slips(numbers)
         games = layout.games_of(memory)
         rules = layout.step_rules_of(teams, numbers, coefficients, options)
-        world = layout.world_of(mazes.mazes, mazes.neighbors, mazes.facts, mazes.tables)
-        outcome, plan = layout.outcome_of(memory), layout.step_scratch_of(scratch)
         group = 0
         for state in range(first, last):
             if store.pairs[state + 1] == store.pairs[state]:
                 continue
             group = group_at(state, group, numbering)
-            write_state(games, 0, state, group, teams, int(world.num_cells[0]), numbering)
-            expand(
-                games, rules, world, plan, outcome, memory, numbering, players, quantities, work,
-                store, state, plain,
-            )  # fmt: skip
+            write_state(games, 0, state, group, teams, int(world.mazes[NUM_CELLS, 0]), numbering)
+            if plain:  # a constant: only one side is compiled
+                expand_plainly(
+                    games, rules, world, memory, scratch, numbering, players, quantities, work,
+                    store, state,
+                )  # fmt: skip
+            else:
+                expand_with_options(
+                    games, rules, world, memory, scratch, numbering, players, quantities, work,
+                    store, state,
+                )  # fmt: skip
 
     return fill_store
-
-
-@inlined
-def without_slips(options: layout.Options) -> layout.Options:
-    """These options of the rules, without slips."""
-    return layout.Options(
-        options.capture, options.n_catch, options.recheck, options.block, options.turns, False,
-        options.touches, options.exits,
-    )  # fmt: skip
 
 
 FILL_STORE = {

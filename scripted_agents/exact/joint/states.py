@@ -63,9 +63,8 @@ class JointStates:
     def numbers(self, games: Games) -> NDArray[np.int64]:
         """[games] int64, the states of any games of the task; -1 for one that is over."""
         numbers = np.empty(len(games.steps), dtype=np.int64)
-        contiguous = Games(*map(np.ascontiguousarray, games))  # one type: compiled once
-        task = self.task
-        fill_numbers(contiguous, task.teams, task.max_cells, self.numbering, numbers)
+        task, own = self.task, layout.copied_games(games, slice(None))  # one type: compiled once
+        fill_numbers(own, task.teams, task.max_cells, self.numbering, numbers)
         return numbers
 
     def chunks(self, first: int = 0) -> Iterator[tuple[int, Games, NDArray[np.bool_]]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
 from pursuit.rules.distances import table_distance
-from pursuit.rules.layout import UNREACHABLE, Games, world_of
+from pursuit.rules.layout import UNREACHABLE, Games, World
 from pursuit.rules.randomness import next_below
 
 FAR = 2**29
@@ -147,7 +147,7 @@ def first_of_tour(between: Any, num_goals: int, best: Any) -> int:
 
 
 @compiled
-def plan_next_goals(games: Games, seat: int, mazes: Any, plans: Any, scratch: Any) -> None:
+def plan_next_goals(games: Games, seat: int, world: World, plans: Any, scratch: Any) -> None:
     """Find the next goal of a shortest tour in every game, from the cached plan while it is valid.
 
     `plans` are `runner.Plans`. `scratch` is scratch memory: [1 << goals, goals] and [1 + goals,
@@ -156,7 +156,6 @@ def plan_next_goals(games: Games, seat: int, mazes: Any, plans: Any, scratch: An
     """
     next_goal, last_maze, last_own, last_goals = plans
     best, between, cells = scratch
-    world = world_of(*mazes)
     num_goals = games.goal.shape[1]
     for game in range(next_goal.shape[0]):
         maze, own = np.int64(games.maze[game]), np.int64(games.position[game, seat])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
-from pursuit.rules.layout import Games
+from pursuit.rules.layout import TABLE, Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.agents import kernels
@@ -68,7 +68,7 @@ class TourRunner(Scripted):
             return super().act(view)
         if self._kept_for is not view.mazes or self._kept.goals.shape != view.goals.shape:
             self._kept_for, self._kept = view.mazes, Plans.empty(view.num_games, goals)
-        if (view.mazes.world.table >= 0).all():
+        if (view.mazes.mazes[TABLE] >= 0).all():
             scratch = (
                 np.empty((1 << goals, goals), dtype=np.int32),
                 np.empty((1 + goals, 1 + goals), dtype=np.int32),

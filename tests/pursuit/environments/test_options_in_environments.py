@@ -62,7 +62,7 @@ def test_masked_moves_never_change_the_cell(move_order: str) -> None:
         rules = Rulebook(task)
         while not simulator.ended[0]:
             state = rules.read(simulator)
-            masks = action_masks(simulator.games, lay_out(task.mazes).world, task)[0]
+            masks = action_masks(simulator.games, lay_out(task.mazes), task)[0]
             assert masks.any(axis=1).all()
             for seat in rules.movers(state):
                 for action in np.flatnonzero(~masks[seat]).tolist():
@@ -88,7 +88,7 @@ def test_masks_hide_agents_out_of_view() -> None:
     )  # fmt: skip
     simulator = Simulator(task, 2)
     simulator.place([[1, 2, 4], [1, 4, 3]])
-    world = lay_out(task.mazes).world
+    world = lay_out(task.mazes)
     masks = action_masks(simulator.games, world, task)
     assert masks[:, 0, 2].tolist() == [False, True]  # chaser_0 sees chaser_1 east of it
     assert masks[:, 1, 3].tolist() == [True, True]  # chaser_1 sees nobody

@@ -95,7 +95,7 @@ def test_a_mask_forbids_what_has_no_effect_whatever_the_others_do(
     games.position[:] = cells
     if captured and task.num_evaders == 2:
         games.active[:, -1] = 0
-    masks = action_masks(games, lay_out(task.mazes).world, task)[0]
+    masks = action_masks(games, lay_out(task.mazes), task)[0]
     active = games.active[0] != 0
     simulator.step(joint)
     for agent in range(task.num_agents):
@@ -124,7 +124,7 @@ def test_evaders_block_each_other_unless_one_may_be_captured_first() -> None:
         task = make_task("chase", maze=corridor, num_evaders=2, capture=capture, **rules)
         simulator = Simulator(task, 1)
         simulator.place([chaser, 1, 2])
-        mask = action_masks(simulator.games, lay_out(task.mazes).world, task)[0, 1]
+        mask = action_masks(simulator.games, lay_out(task.mazes), task)[0, 1]
         assert mask.tolist() == [False, False, free, True]  # the way to the other evader is east
 
 
@@ -135,20 +135,20 @@ def test_only_staying_is_allowed_where_nothing_else_has_an_effect() -> None:
         task = make_task("chase", maze=ENCLOSED, stay_action=stay)
         simulator = Simulator(task, 1)
         simulator.place([0, 2])
-        masks = action_masks(simulator.games, lay_out(task.mazes).world, task)[0]
+        masks = action_masks(simulator.games, lay_out(task.mazes), task)[0]
         assert masks[0].tolist() == ([False] * 4 + [True] if stay else [True] * 4)
         rules: dict[str, Any] = {"capture": "adjacent", "n_catch": 3, "collisions": "block"}
         task = make_task("chase", maze=CORRIDOR, num_chasers=3, stay_action=stay, **rules)
         simulator = Simulator(task, 1)
         simulator.place([0, 1, 2, 4])
-        masks = action_masks(simulator.games, lay_out(task.mazes).world, task)[0]
+        masks = action_masks(simulator.games, lay_out(task.mazes), task)[0]
         assert masks[0].tolist() == ([False] * 4 + [True] if stay else [True] * 4)
 
 
 def test_masks_of_a_batch_are_those_of_its_cells() -> None:
     task = make_task("chase", maze=("3x3", "4x4-tree"), num_evaders=2, max_steps=8)
     simulator = Simulator(task, 200, auto_restart=False)
-    world, rng = lay_out(task.mazes).world, np.random.default_rng(0)
+    world, rng = lay_out(task.mazes), np.random.default_rng(0)
     seen = dict.fromkeys(("captured", "terminated", "truncated"), 0)
     for _ in range(8):
         simulator.step(rng.integers(4, size=(200, 3)))
