@@ -23,6 +23,7 @@ class Rememberer:
     features = Features("flat", (2,), np.ones(2))
     num_actions, members, continuous = 2, 1, False
     critic_features = observed = None
+    has_masks = False
 
     def policy(self, network: Any, greedy: bool = True) -> Any:
         return network
@@ -34,7 +35,8 @@ class Cues(EnvBase):
     def __init__(self, num_games: int, seed: int = 0, truncated: bool = False) -> None:
         super().__init__(device="cpu", batch_size=[num_games])
         self.player, self.hook = Rememberer(), EpisodeHook()
-        self.num_games, self.resume, self.cut = num_games, False, truncated
+        self.num_games = self.rows = num_games
+        self.resume, self.cut = False, truncated
         each = (num_games, 1)
         seen = Bounded(0.0, 1.0, shape=(num_games, 2))
         self.observation_spec = Composite(observation=seen, shape=(num_games,))

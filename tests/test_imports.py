@@ -25,7 +25,7 @@ OPTIONAL = {
     "pyspiel",
     "pyarrow",
 }
-SLOW = {"matplotlib", "networkx", "scipy", "tyro", "torchrl"}
+SLOW = {"matplotlib", "networkx", "scipy", "tyro", "torch"}
 """Needed by few, and a wait for everybody: may be imported where they are used."""
 WITH_THEM = {
     "pursuit.environments.stable_baselines",
@@ -172,6 +172,22 @@ print(sorted({"torchrl", "tensordict"} & {*sys.modules}))
     assert run(code) == "[]\n"
 
 
+@pytest.mark.parametrize("report", ["--report", "--no-report"])
+def test_training_imports_what_it_needs(tmp_path: Path, report: str) -> None:
+    """TorchRL brings Ray; the first `torch.optim.Adam` imports torch's compiler."""
+    sizes = ["--maze", "2x2", "--frames", "512", "--num-games", "16", "--minibatch-size", "64"]
+    arguments = ["train", *sizes, report, "--out", str(tmp_path / "run")]
+    code = f"""
+import contextlib, io, sys
+from train.commands.main import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    main({arguments})
+slow = {{"torch._dynamo", "torchrl", "tensordict", "ray", "sympy", "networkx", "scipy.sparse"}}
+print(sorted((slow | {{"matplotlib"}}) & {{*sys.modules}}))
+"""
+    assert run(code) == ("['matplotlib']\n" if report == "--report" else "[]\n")
+
+
 HELP = [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)]
 REFUSED = [
     ["trian"],
@@ -225,6 +241,19 @@ for arguments in {json.dumps([*HELP, *REFUSED])}:
 """
     for line, given in zip(run(code).splitlines(), [*HELP, *REFUSED], strict=True):
         assert line == " ".join(["0" if given in HELP else "2", "False", *given])
+
+
+def test_help_compiles_nothing(tmp_path: Path) -> None:
+    code = f"""
+import contextlib, io, os
+os.environ["NUMBA_CACHE_DIR"] = {str(tmp_path)!r}
+from train.commands.main import main
+for arguments in {json.dumps([*HELP, ["train", "--task", "maze", "--help"]])}:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+        main(arguments)
+"""
+    run(code)
+    assert not [file for file in tmp_path.rglob("*") if file.is_file()]
 
 
 def test_importing_pursuit_is_light() -> None:

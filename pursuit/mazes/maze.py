@@ -153,9 +153,9 @@ class Maze:
         if not self.goal_marks:
             return
         origin = self.goal_marks[0] if self.start_mark is None else self.start_mark
-        distances = self.distances_from(origin)
+        reached = set(self._reached_from(origin))
         for goal in self.goal_marks:
-            if distances[goal] == UNREACHABLE:
+            if goal not in reached:
                 row, column = int(self.rows[goal]), int(self.columns[goal])
                 raise ValueError(
                     f"{self.name}: line {2 * row + 2}: the goal in row {row}, column {column} is "
@@ -347,12 +347,22 @@ class Maze:
         """The numbers of the cells with exactly one neighbour, in order."""
         return np.flatnonzero(self.degrees == 1).astype(np.int32)
 
+    def _reached_from(self, cell: int) -> list[int]:
+        """The cells that can be reached from `cell`, without the kernel of `distances_from`: all
+        commands read mazes, also to print their options."""
+        neighbors, known, queue = self.neighbors.tolist(), {cell}, [cell]
+        for each in queue:
+            more = set(neighbors[each]) - known
+            known |= more
+            queue += more
+        return queue
+
     @cached_property
     def num_components(self) -> int:
         """The number of connected components."""
         unseen, parts = np.ones(self.num_cells, dtype=bool), 0
         while unseen.any():
-            unseen &= self.distances_from(int(unseen.argmax())) == UNREACHABLE
+            unseen[self._reached_from(int(unseen.argmax()))] = False
             parts += 1
         return parts
 

@@ -12,7 +12,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
 from pursuit.validation import check_bool, shortened, whole
@@ -59,6 +58,8 @@ def enumerate_game(
             an action; probabilities that do not add up to 1; rewards that are not one number of at
             most `MOST_REWARD` for each player; too many states, or too little memory.
     """
+    from scipy.sparse import csr_array  # slow to import
+
     if isinstance(game, type) or not isinstance(game, Game):
         raise ValueError(
             f"{shortened(game)}; give an object with players and the three methods of Game"

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from pursuit.validation import whole
 from scripted_agents.exact.tolerances import TIE
@@ -127,6 +126,8 @@ def return_range(
 
 def longest_play(game: SmallGame) -> int | None:
     """The largest number of steps of an episode; None if one can go on forever."""
+    from scipy.sparse import csr_array  # slow to import
+
     check_game(game)
     joints = np.arange(len(game.owners))
     owner = csr_array((np.ones(len(joints)), (game.owners, joints)))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, eye_array
-from scipy.sparse.linalg import splu
 
 from scripted_agents.games.episodes import longest_play, return_range
 from scripted_agents.games.small_game import SmallGame
@@ -51,6 +49,9 @@ def visits_of(
 ) -> NDArray[np.float64]:
     """[states] float64 with sum 1: the share of discounted visits from the starts when all play
     these policies; arguments and errors are those of `returns_of`."""
+    from scipy.sparse import csc_array, eye_array  # slow to import
+    from scipy.sparse.linalg import splu
+
     step, _ = chain_of(game, policies)
     back = step.T
 
@@ -58,6 +59,7 @@ def visits_of(
         return np.asarray(game.start + discount * (back @ visits))
 
     def solved(visits: NDArray[np.float64]) -> NDArray[np.float64]:
+
         system = csc_array(eye_array(game.num_states) - discount * back)
         return np.asarray(splu(system).solve(game.start))
 

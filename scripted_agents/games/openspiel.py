@@ -17,7 +17,6 @@ from zipfile import BadZipFile
 import numpy as np
 import pyspiel
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
 from pursuit.rules.layout import Games
@@ -76,6 +75,8 @@ def _text(game: SmallGame) -> str:
 
 def _small(text: str) -> SmallGame:
     """The game of a text; ValueError if it is none."""
+    from scipy.sparse import csr_array  # slow to import
+
     try:
         with np.load(BytesIO(b64decode(text + "=" * (-len(text) % 4), b"-_"))) as file:
             data = dict(file)

@@ -6,15 +6,17 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import sha256
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array
 
 from pursuit.tasks.task import Task
 from pursuit.validation import as_array, check, shortened
 from scripted_agents.games.game import Action, State
+
+if TYPE_CHECKING:  # slow to import
+    from scipy.sparse import csr_array
 
 ZERO_SUM = 1e-9
 """Sums of rewards up to this share of the largest are 0."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array, eye_array
-from scipy.sparse.linalg import splu
 
 from pursuit.validation import number, shortened, whole
 from scripted_agents.exact.joint.layout import NO_SLIPS, Store
@@ -17,6 +15,9 @@ from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, Solv
 from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_stochastic_game
 from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
+
+if TYPE_CHECKING:  # slow to import
+    from scipy.sparse import csr_array
 
 MOST_SWEEPS = 3000
 """Of value iteration, enough for a discount of 0.99; then linear equations are solved."""
@@ -96,6 +97,8 @@ def returns_of(
 def chain_of(game: SmallGame, policies: Policies) -> tuple[csr_array, Values]:
     """The game when all play these policies: [states, states] the probability of each next state,
     and [states, players] the expected rewards of a step; errors are those of `returns_of`."""
+    from scipy.sparse import csr_array  # slow to import
+
     check_game(game)
     chances = joint_chances(game, policies, game.players)
     weights = csr_array((chances, (game.owners, np.arange(len(chances)))))
@@ -130,6 +133,8 @@ class Replies(NamedTuple):
 
 def replies_of(game: SmallGame, team: Sequence[str], policies: Policies) -> Replies:
     """The replies of `team` to the policies of all other players."""
+    from scipy.sparse import csr_array  # slow to import
+
     indices = [game.player(name) for name in team]
     others = [name for name in game.players if name not in team]
     chances = joint_chances(game, policies, others)
@@ -306,6 +311,8 @@ def joint_chances(game: SmallGame, policies: Policies, players: Sequence[str]) -
 
 def _store(game: SmallGame, columns: int) -> tuple[Store, csr_array]:
     """The transitions as `StochasticGame` takes them, for the payoff of the first player."""
+    from scipy.sparse import csr_array  # slow to import
+
     after, states = game.after.copy(), game.num_states
     drawn = np.flatnonzero(after == DRAWN)
     after[drawn] = states + np.arange(len(drawn))
@@ -339,4 +346,7 @@ def iterate(
 
 def _solved(step: csr_array, rewards: Values, discount: float) -> Values:
     """The values of these rewards [states, ...] with the probabilities `step` [states, states]."""
+    from scipy.sparse import csc_array, eye_array  # slow to import
+    from scipy.sparse.linalg import splu
+
     return np.asarray(splu(csc_array(eye_array(len(rewards)) - discount * step)).solve(rewards))

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from pursuit.memory import check_memory
 from pursuit.rendering.marks import AgentMark
@@ -77,6 +76,8 @@ def _with_coefficients(task: Task) -> Task:
 
 def _enumerated(task: Task) -> SmallGame:
     """The game of a task without slips; in turns the move of one side is a step."""
+    from scipy.sparse import csr_array  # slow to import
+
     joints, most = task.num_actions**task.num_agents, np.iinfo(np.int16).max
     if joints > most:  # their numbers in a `Store`
         raise ValueError(
@@ -202,6 +203,8 @@ def with_slips(
     Raises:
         ValueError: too little memory.
     """
+    from scipy.sparse import csr_array  # slow to import
+
     sizes = np.stack([np.diff(game.offsets(agent)) for agent in range(len(game.players))], axis=1)
     if not any(chances):
         return game

@@ -16,6 +16,7 @@ from self_play_runs import tables_of
 
 from scripted_agents.games.named import load_game
 from scripted_agents.games.simulator import GameSimulator, GameTask
+from train.algorithms.learner import no_actions
 from train.commands.main import main
 from train.files import Plain
 from train.kinds import start
@@ -201,7 +202,8 @@ def test_without_discount_nothing_is_worth_anything_after_the_time_limit(
         env = (
             run.trainee.sides["player_0"].env if hasattr(run.trainee, "sides") else run.trainee.env
         )
-        stepped = env.step_and_maybe_reset(env.rand_action(env.reset()))[0]["next"]
+        env.reset()
+        stepped, _ = env.step_tensors(no_actions(env))
         assert bool(stepped["done"].all())
         assert bool(stepped["terminated"].all()) == (discount == 1.0)
 

@@ -10,6 +10,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.fused_rollouts import FusedEngine, fused_engine
+from train.algorithms.learner import no_actions
 from train.algorithms.ppo import PPO
 from train.algorithms.rollouts import Frames, TorchEngine
 from train.networks.fused_actor_critic import LossCoefficients
@@ -70,7 +71,7 @@ class Reinforce(A2C):
         steps: list[Frames] = []
         played: list[tuple[torch.Tensor, torch.Tensor]] = []
         returns = torch.zeros(env.num_games)
-        actions = env.action_spec.zero()
+        actions = no_actions(env)
         self.engine.start()
         while len(running):
             names = [name for name in ("observation", ACTION_MASK) if name in now.keys()]  # noqa: SIM118 (of a TensorDict)

@@ -14,7 +14,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.learner import VecEnv, steps_tensors
 from train.networks.policy import CRITIC
 
-if TYPE_CHECKING:  # slow to import; only training needs them
+if TYPE_CHECKING:  # slow to import
     from tensordict import TensorDictBase
 
 Columns = dict[str, torch.Tensor]
@@ -61,7 +61,7 @@ class Collector:
     ) -> None:
         self.env, self.act, self.steps, self.device = env, act, steps, device
         self.value, self.keep_next, self.ended = value, keep_next, ended
-        games = env.action_spec.shape[0]
+        games = env.rows
         self.state = torch.zeros(games, state_size, device=device)
         self.episode_start = torch.ones(games, dtype=torch.bool, device=device)
         self.states: list[torch.Tensor] = []
@@ -136,11 +136,12 @@ def step_games(env: VecEnv, now: Seen, action: torch.Tensor) -> tuple[Seen, Seen
     first one of the next episode.
 
     Args:
-        env: the environment; a `SimulatorEnv` is stepped without TensorDicts.
+        env: the environment; a `BatchEnv` is stepped without TensorDicts.
         now: the observations before the step.
         action: [games, ...].
     """
     if steps_tensors(env):
         return cast(Any, env).step_tensors(action)
-    stepped, following = env.step_and_maybe_reset(cast("TensorDictBase", now).set("action", action))
+    now = cast("TensorDictBase", now).set("action", action)
+    stepped, following = cast(Any, env).step_and_maybe_reset(now)
     return stepped["next"], following

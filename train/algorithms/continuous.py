@@ -10,6 +10,7 @@ import torch
 
 from curricula import linear
 from train.algorithms.action_noise import ActionNoise
+from train.algorithms.adam import Adam
 from train.algorithms.collector import Collector, Columns
 from train.algorithms.continuous_losses import (
     critic_loss,
@@ -194,7 +195,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         start = torch.tensor(settings.temperature, device=options.device).log()
         self.log_alpha = torch.nn.Parameter(start, requires_grad=settings.adapt_temperature)
         rate = settings.temperature_learning_rate
-        self.temperature_optimizer = torch.optim.Adam([self.log_alpha], lr=rate, fused=True)
+        self.temperature_optimizer = Adam([self.log_alpha], rate)
         self.rates.append((self.temperature_optimizer, rate))
 
     def parts(self) -> dict[str, HasState]:
@@ -218,7 +219,7 @@ class SAC(ContinuousLearner[GaussianActor]):
         loss, log_prob = soft_actor_loss(self.network, self.critics, prepared, batch, alpha)
         self.descend(loss)
         if self.settings.adapt_temperature:
-            self.temperature_optimizer.zero_grad(set_to_none=True)
+            self.temperature_optimizer.zero_grad()
             target = self.target_entropy
             torch.autograd.backward(temperature_loss(self.log_alpha, log_prob, target, batch))
             self.temperature_optimizer.step()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -17,16 +16,14 @@ from pursuit.simulator.policy import Policy
 from pursuit.validation import check
 from train.algorithms.collector import Seen
 from train.algorithms.cross_entropy_kernels import draw_actions, outputs_of
-from train.algorithms.learner import Build, has_masks
+from train.algorithms.learner import Build, has_masks, no_actions
+from train.environments.batch_env import BatchEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import masked
 from train.networks.layers import Convolutions, Hidden, IndexLayer
 from train.networks.seat import Seat
 from train.settings.algorithms import CrossEntropySettings
 from train.tensors import StateDict
-
-if TYPE_CHECKING:  # slow to import; only training needs it
-    from train.environments.simulator_env import SimulatorEnv
 
 
 class CrossEntropy:
@@ -48,7 +45,7 @@ class CrossEntropy:
         frames: environment steps, summed over games.
     """
 
-    def __init__(self, settings: CrossEntropySettings, env: SimulatorEnv, options: Build) -> None:
+    def __init__(self, settings: CrossEntropySettings, env: BatchEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         self.network = network = network_of(settings, env.player, options)
         self._policy = nn.Sequential(network.policy_trunk, network.policy_head)
@@ -89,7 +86,7 @@ class CrossEntropy:
         seen: Seen = env.reset()
         outputs = self._outputs(candidates, each)
         running, returns = np.arange(env.num_games), np.zeros(env.num_games, np.float32)
-        actions, masks = env.action_spec.zero(), has_masks(env)
+        actions, masks = no_actions(env), has_masks(env)
         while len(running):
             chosen = torch.from_numpy(running)
             output = outputs(seen["observation"], chosen)

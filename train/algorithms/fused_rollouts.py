@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import torch
 
 from train.algorithms.advantages import fused_advantages
+from train.algorithms.collector import Seen
 from train.algorithms.learner import HasState, VecEnv, has_masks, steps_tensors
 from train.algorithms.rollouts import Figures, Frames, select
+from train.environments.batch_env import BatchEnv
 from train.networks.actor_critic import ActorCritic
 from train.networks.fused_actor_critic import FusedActorCritic, LossCoefficients, fused_actor_critic
-
-if TYPE_CHECKING:  # slow to import; only training needs them
-    from tensordict import TensorDictBase
-
-    from train.environments.simulator_env import SimulatorEnv
 
 
 class FusedEngine:
@@ -31,9 +28,9 @@ class FusedEngine:
 
     name = "fused"
 
-    def __init__(self, env: SimulatorEnv, network: FusedActorCritic, steps: int) -> None:
+    def __init__(self, env: BatchEnv, network: FusedActorCritic, steps: int) -> None:
         self.env, self.network, self.steps = env, network, steps
-        self._now: Frames | TensorDictBase | None = None
+        self._now: Seen | None = None
 
     def start(self) -> None:
         """Called before the first `act` of a rollout: the weights are fixed until its end."""
@@ -69,7 +66,7 @@ class FusedEngine:
             return frames
         return select(frames, (~idle).nonzero().squeeze(-1))
 
-    def _play(self, seen: Frames | TensorDictBase) -> tuple[Frames, Frames]:
+    def _play(self, seen: Seen) -> tuple[Frames, Frames]:
         """The columns of a step of all games, and the observations for the next step."""
         observation = seen["observation"]
         drawn = self.network.draw(observation)
@@ -95,8 +92,8 @@ class FusedEngine:
 
 def fused_engine(env: VecEnv, network: ActorCritic, steps: int, device: str) -> FusedEngine | None:
     """The fused engine; None if its kernels do not support the network (`fused_actor_critic`) or
-    the environment, which must be a `SimulatorEnv` without masks."""
+    the environment, which must be a `BatchEnv` without masks."""
     if not steps_tensors(env) or has_masks(env):
         return None
     fused = fused_actor_critic(network, device)
-    return None if fused is None else FusedEngine(cast("SimulatorEnv", env), fused, steps)
+    return None if fused is None else FusedEngine(cast(BatchEnv, env), fused, steps)

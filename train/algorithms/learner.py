@@ -4,60 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import torch
 from torch import nn
-from torch.optim import Adam
 
 from curricula import linear
-from pursuit.observations.masks import ACTION_MASK
 from pursuit.simulator.policy import Policy
 from pursuit.validation import raised
+from train.algorithms.adam import Adam
 from train.environments.hooks import EpisodeHook
 from train.networks.layers import Hidden
 from train.networks.seat import Seat
 from train.settings.algorithms import NetworkSettings
 from train.tensors import StateDict
 
-if TYPE_CHECKING:  # slow to import; only training needs them
-    from tensordict import TensorDictBase
-    from torchrl.data import Composite, TensorSpec
-
 
 class VecEnv(Protocol):
-    """A batched TorchRL environment (an `EnvBase`), with the additional attributes of learners.
+    """A batch of games as learners step it: a `BatchEnv`, or any environment of TorchRL (an
+    `EnvBase`) with these attributes.
 
     Attributes:
-        seat: the learning agent.
         hook: configures the next episodes.
         num_games: number of parallel games.
+        rows: of its tensors: games, times the members of a team.
         resume: if set, the next full reset continues the current episodes.
     """
 
     hook: EpisodeHook
     num_games: int
+    rows: int
     resume: bool
 
     @property
     def player(self) -> Seat:
         """The learning agent."""
 
-    @property
-    def observation_spec(self) -> Composite:
-        """TorchRL's spec of the observations."""
-
-    @property
-    def action_spec(self) -> TensorSpec:
-        """TorchRL's spec of the actions."""
-
-    def reset(self) -> TensorDictBase:
-        """Reset all games; returns the observations."""
-
-    def step_and_maybe_reset(
-        self, tensordict: TensorDictBase
-    ) -> tuple[TensorDictBase, TensorDictBase]:
-        """A step with "action", which writes "next"; also returns the input of the next step."""
+    def reset(self) -> Any:
+        """Reset all games; returns the observations by name."""
 
     def step_episodes(
         self, actions: torch.Tensor, running: torch.Tensor
@@ -76,13 +60,20 @@ class HasState(Protocol):
 
 
 def steps_tensors(env: VecEnv) -> bool:
-    """Whether an environment is a `SimulatorEnv`, which steps without TensorDicts."""
+    """Whether an environment is a `BatchEnv`, which steps without TensorDicts."""
     return hasattr(env, "step_tensors")
 
 
 def has_masks(env: VecEnv) -> bool:
-    """Whether a TorchRL environment provides an "action_mask"."""
-    return ACTION_MASK in env.observation_spec.keys()  # noqa: SIM118 (its `in` wants .keys())
+    """Whether an environment provides an "action_mask"."""
+    return bool(env.player.has_masks)
+
+
+def no_actions(env: VecEnv) -> torch.Tensor:
+    """[rows, ...]: actions of 0, of the type of the environment's."""
+    if env.player.continuous:
+        return torch.zeros(env.rows, env.player.num_actions)
+    return torch.zeros(env.rows, dtype=torch.int64)
 
 
 class Learner(Protocol):
@@ -178,7 +169,7 @@ def backward(loss: torch.Tensor) -> None:
         raise ValueError(f"the gradients of the network raised {raised(error)}; mend it") from error
 
 
-def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
+def clip_gradients(parameters: list[torch.Tensor], most: float) -> None:
     """Clip gradients to the norm `most`: torch's `clip_grad_norm_`, in three operations.
 
     Args:
@@ -190,33 +181,6 @@ def clip_gradients(parameters: list[torch.nn.Parameter], most: float) -> None:
     scale = (most / (norm + 1e-6)).clamp(max=1.0)
     if not scale.is_cpu or float(scale) != 1.0:  # no synchronisation with a GPU
         torch._foreach_mul_(gradients, scale)
-
-
-def step_adam(optimizer: torch.optim.Adam) -> None:
-    """`optimizer.step()` of a fused Adam on the CPU, without its repeated lookups.
-
-    These take several times as long as the step itself for a network of 128 units.
-    """
-    group, state = optimizer.param_groups[0], optimizer.state
-    weights = group["params"]
-    gradients = [weight.grad for weight in weights]
-    plain = not (group["amsgrad"] or group["maximize"] or group["weight_decay"])
-    known = all(g is not None and w in state for w, g in zip(weights, gradients, strict=True))
-    if not (plain and known and group["fused"] and weights[0].is_cpu):
-        optimizer.step()
-        return
-    moments = [state[weight] for weight in weights]
-    first, second, steps = (
-        [moment[name] for moment in moments] for name in ("exp_avg", "exp_avg_sq", "step")
-    )
-    beta1, beta2 = group["betas"]
-    with torch.no_grad():
-        torch._foreach_add_(steps, 1)
-        torch._fused_adam_(
-            weights, gradients, first, second, [], steps,
-            lr=group["lr"], beta1=beta1, beta2=beta2, weight_decay=0.0,
-            eps=group["eps"], amsgrad=False, maximize=False, grad_scale=None, found_inf=None,
-        )  # fmt: skip
 
 
 def averaged_buffers(network: nn.Module) -> list[torch.Tensor]:
@@ -240,7 +204,7 @@ class LearnedNetwork:
 
     COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
     NO_DISTRIBUTION: ClassVar[str] = ""
-    optimizer: torch.optim.Optimizer
+    optimizer: Any
 
     def __init__(self, env: Any, network: nn.Module) -> None:
         self.env, self.network, self.frames = env, network, 0
@@ -272,7 +236,7 @@ class LearnedNetwork:
 
 
 class NetworkLearner(LearnedNetwork):
-    """The base class of learners with networks and Adam, in a TorchRL environment.
+    """The base class of learners with networks and Adam, which step games themselves.
 
     Args:
         settings: the hyperparameters.
@@ -302,7 +266,7 @@ class NetworkLearner(LearnedNetwork):
     def new_optimizer(self, weights: Iterable[torch.Tensor], learning_rate: float) -> Adam:
         """Adam for these weights; `set_schedules` anneals its learning rate."""
         betas, epsilon = (self.settings.adam_beta1, 0.999), self.settings.adam_epsilon
-        optimizer = Adam(weights, lr=learning_rate, betas=betas, eps=epsilon, fused=True)
+        optimizer = Adam(weights, learning_rate, betas, epsilon)
         self.rates.append((optimizer, learning_rate))
         return optimizer
 
@@ -318,27 +282,25 @@ class NetworkLearner(LearnedNetwork):
     def set_schedules(self, progress: float) -> None:
         """Set learning rates and, for PPO, the discount; `progress` in [0, 1] of the budget."""
         for optimizer, learning_rate in self.rates:
-            optimizer.param_groups[0]["lr"] = self.annealed(learning_rate, progress)
+            optimizer.lr = self.annealed(learning_rate, progress)
 
     def descend(self, loss: torch.Tensor, optimizer: Adam | None = None) -> None:
         """One step of Adam (None: of `optimizer`), with the gradient clipped to the norm
         `max_grad_norm`."""
         optimizer = optimizer or self.optimizer
-        # Listing a network's parameters takes longer than the norm of a gradient.
-        for weight in optimizer.param_groups[0]["params"]:
-            weight.grad = None
+        optimizer.zero_grad()
         backward(loss)
         self.descend_by_gradients(optimizer)
 
     def descend_by_gradients(self, optimizer: Adam | None = None) -> None:
         """One step of Adam with the gradients in `grad`, clipped likewise."""
         optimizer = optimizer or self.optimizer
-        weights = optimizer.param_groups[0]["params"]
+        weights = optimizer.weights  # listing those of a network takes longer than their norm
         if self.average is not None:
             gradients = [weight.grad for weight in weights if weight.grad is not None]
             self.average(gradients + averaged_buffers(self.network))
         clip_gradients(weights, self.settings.max_grad_norm)
-        step_adam(optimizer)
+        optimizer.step()
         # Cached tables of a policy compare the versions of the weights, which a fused step does not
         # increment.
         torch.autograd.graph.increment_version(weights)

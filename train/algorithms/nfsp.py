@@ -47,7 +47,7 @@ class NFSP(DQN):
         weights, rate = self.average_network.parameters(), settings.average_learning_rate
         self.average_optimizer = self.new_optimizer(weights, rate)
         self.reservoir = Reservoir(settings.reservoir_size, self.generator)
-        games = env.action_spec.shape[0]
+        games = env.rows
         self.responding = torch.zeros(games, dtype=torch.bool, device=options.device)
 
     def act(self, seen: Columns, state: torch.Tensor) -> tuple[Columns, torch.Tensor]:

@@ -96,7 +96,7 @@ class PPO(NetworkLearner):
     def collect(self) -> Frames:
         """A rollout with advantages, as the input of `ActorCritic.forward_sequence`."""
         settings = self.ppo
-        self.frames += settings.rollout_steps * self.env.action_spec.shape[0]
+        self.frames += settings.rollout_steps * self.env.rows
         return self.engine.collect(self.gamma, settings.gae_lambda if settings.critic else 1.0)
 
     def minibatches(self, frames: Frames) -> Iterator[Frames]:
@@ -144,7 +144,7 @@ class PPO(NetworkLearner):
         """The fused engine where its kernels support everything, else the torch engine.
 
         They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
-        CPU, a `SimulatorEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
+        CPU, a `BatchEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
         `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
         """
         settings, own = self.ppo, type(self)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,13 +13,11 @@ from pursuit.rules import seed_streams
 from pursuit.validation import check, need
 from train.algorithms.learner import Build
 from train.algorithms.q_learning_kernels import choose_actions, learn
+from train.environments.batch_env import BatchEnv
 from train.networks.numbering import SeatNumbering
 from train.networks.seat import Seat
 from train.settings.algorithms import QLearningSettings
 from train.tensors import StateDict
-
-if TYPE_CHECKING:  # slow to import; only training needs it
-    from train.environments.simulator_env import SimulatorEnv
 
 STEPS_PER_ITERATION = 64
 EXPLORATION_SEEDS = 2**63
@@ -57,7 +55,7 @@ class QLearning:
         visits: [states, actions] uint32.
     """
 
-    def __init__(self, settings: QLearningSettings, env: SimulatorEnv, options: Build) -> None:
+    def __init__(self, settings: QLearningSettings, env: BatchEnv, options: Build) -> None:
         self.settings, self.env, self.frames = settings, env, 0
         simulator, seat = env.simulator, env.player
         self.numbers: SeatNumbering = need(seat.numbering)

@@ -32,6 +32,7 @@ from train.algorithms import (
     vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
+from train.environments.batch_env import BatchEnv
 from train.networks.seat import Seat
 from train.settings.algorithms import HYPERPARAMETERS, LEARNERS, TUNED_AS, TeamSettings
 from train.settings.hyperparameters import Hyperparameters
@@ -47,8 +48,8 @@ class Algorithm:
     Attributes:
         name: on the command line and in `config.json`.
         settings: the class of its hyperparameters.
-        build: (settings, env, Build) -> the learner for an environment: a `VecEnv`, or with
-            `own_loop` a `LearnerVectorEnv`.
+        build: (settings, env, Build) -> the learner for an environment: a `VecEnv` (see `torchrl`),
+            or with `own_loop` a `LearnerVectorEnv`.
         load: (settings, seat, state, greedy) -> the policy in a learner's `state_dict`, on the
             CPU; KeyError or RuntimeError for a state of other settings.
         learns_distribution: whether it has a stochastic policy.
@@ -57,6 +58,8 @@ class Algorithm:
         teams: whether it can learn for several agents of a role in self-play.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
+        torchrl: whether its environment is a `SimulatorEnv`, which has the interface of TorchRL and
+            takes a second to import, or a `BatchEnv`.
         own_loop: whether it brings its own loop and network, as those of other libraries do.
         package, extra: the package that it needs, and the extra of `pip install 'pursuit[...]'`
             that installs it; "" for none.
@@ -74,6 +77,7 @@ class Algorithm:
     teams: bool = False
     tabular: bool = False
     recurrent: bool = False
+    torchrl: bool = True
     own_loop: bool = False
     package: str = ""
     extra: str = ""
@@ -84,6 +88,15 @@ class Algorithm:
     def whole_role(self) -> bool:
         """Whether it learns for all agents of the role in `train` too: it has `TeamSettings`."""
         return issubclass(self.settings, TeamSettings)
+
+    @property
+    def env_form(self) -> type[BatchEnv]:
+        """The class of its environment, unless it has its own loop."""
+        if not self.torchrl:
+            return BatchEnv
+        from train.environments.simulator_env import SimulatorEnv  # slow to import
+
+        return SimulatorEnv
 
     @property
     def library(self) -> str:
@@ -235,7 +248,7 @@ def entry(name: str) -> Algorithm:
 def _ours(name: str, build: Any, network_of: Any = None, load: Any = None, **able: Any) -> None:
     """Register an algorithm whose policy is the network that `network_of` makes, or its `load`."""
     load = load or network_loader(network_of)
-    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **able))
+    register(Algorithm(name, HYPERPARAMETERS[name], build, load, torchrl=False, **able))
 
 
 _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}

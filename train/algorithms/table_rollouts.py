@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import Collector, Columns
+from train.environments.batch_env import BatchEnv
 from train.networks.actor_critic import ActorCritic
-
-if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.environments.simulator_env import SimulatorEnv
 
 Evaluate = Callable[[torch.Tensor, torch.Tensor | None], tuple[Any, torch.Tensor]]
 """(observations, masks) -> the distribution of the actions, and the values."""
@@ -34,7 +32,7 @@ class TableCollector(Collector):
         env, act, steps, device, value: as of `Collector`.
     """
 
-    env: SimulatorEnv
+    env: BatchEnv
 
     def __init__(self, evaluate: Evaluate, keep: str | None, *arguments: Any) -> None:
         super().__init__(*arguments)

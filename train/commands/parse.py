@@ -219,8 +219,9 @@ def parse(
     extra: Plain = {} if default is None else {"default": default}
     own: Any = get_origin(form) or form
     extra["description"] = described(own)
-    for each in (own, *forms_in(default)):
-        set_help_texts(each)
+    if {"-h", "--help"} & {*args}:
+        for each in (own, *forms_in(default)):
+            set_help_texts(each)
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(

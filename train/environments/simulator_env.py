@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase
@@ -15,71 +14,20 @@ from torchrl.envs import EnvBase
 from pursuit.observations.masks import ACTION_MASK
 from pursuit.rules.arrays import Array
 from pursuit.simulator.batch import Batch
+from train.environments.batch_env import FLAGS, BatchEnv
 from train.environments.hooks import EpisodeHook
-from train.networks.frames import FrameStack, Observations, shift
 from train.networks.policy import CRITIC
 
-FLAGS = ("terminated", "truncated", "done")
-NOT_OBSERVED = {"reward", *FLAGS}
 
+class SimulatorEnv(EnvBase, BatchEnv):
+    """A `BatchEnv` with the interface of TorchRL; its batch are the rows.
 
-class StepOutcome(NamedTuple):
-    """What a step of all games gave.
-
-    Attributes:
-        rewards: [num_games, k] float32; a copy.
-        terminated, truncated: [num_games, k] bool, likewise.
-        over: [num_games] bool, the games that ended.
-    """
-
-    rewards: NDArray[np.float32]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    over: NDArray[np.bool_]
-
-
-class SimulatorEnv(EnvBase):
-    """A batch of games, in each of which the learner controls k agents; ordered by game.
-
-    Keys: "observation" [batch, ...], "action" ([batch] int64, or for continuous actions [batch,
-    numbers] float32 in [-1, 1]), "reward", "terminated", "truncated" and "done" [batch, 1]. Where
-    the player has masks, "action_mask" [batch, actions] bool beside each observation marks the
-    allowed actions, and the action spec samples only these. After a step, "next" holds the last
-    observation of an episode that ended. The partial reset that follows starts the next episode, so
-    nothing is bootstrapped across episodes.
-
-    The learner's agents have consecutive indices: a single agent, or all of a role. With k = 1 and
-    `Seat.joint` the learner chooses joint actions of all agents of the role, for their mean reward.
-    An episode ends with its game, or when none of the learner's agents is left. With k > 1, an
-    agent that has left is "idle" ([batch, 1] bool) while others continue; its data is excluded from
-    learning.
+    Keys: those of `BatchEnv`, and "action". The action spec samples only actions that masks allow.
+    After a step, "next" holds the last observation of an episode that ended. The partial reset that
+    follows starts the next episode.
 
     Args:
-        simulator: of any kind of game, made with `auto_restart=False`.
-        player: the learning agent, with the encoding of its observations.
-        policies: the policy of each agent; None for the learner's agents. Not needed where there
-            are no others.
-        hook: configures the next episodes.
-        members: k.
-        scale: factor of the rewards.
-        bounded: whether the time limit ends the game: without discount, returns are those within
-            it, so nothing is bootstrapped after it.
-
-    Raises:
-        ValueError: a simulator with `auto_restart=True`, which hides the end of an episode.
-
-    Attributes:
-        simulator, player, policies, hook, members, scale, bounded: the arguments.
-        num_games: in the batch.
-        seat, seats: the learner's first agent index, and all of them.
-        moved: the indices of the agents that the learner moves.
-        idle: [num_games, k] bool.
-        stack: of the observations, with frame stacking; None without.
-        frames: [batch, frame_stack, ...], the stacked observations.
-        finished_returns, finished_lengths: of the episodes that ended since the lists were cleared;
-            lengths count rounds.
-        resume: if set, the next full reset continues the current episodes.
-        was_reset: whether `reset_games` was called.
+        simulator, player, policies, hook, members, scale, bounded: as of `BatchEnv`.
     """
 
     def __init__(
@@ -92,27 +40,9 @@ class SimulatorEnv(EnvBase):
         scale: float = 1.0,
         bounded: bool = False,
     ) -> None:
-        if simulator.auto_restart:
-            raise ValueError(
-                "this simulator restarts games automatically, which hides the end of episodes; "
-                f"use {type(simulator).__name__}(..., auto_restart=False)"
-            )
-        games, agents = simulator.num_games, simulator.task.num_agents
-        batch = games * members
-        super().__init__(device="cpu", batch_size=[batch])
-        self.simulator: Any = simulator
-        self.player, self.policies = player, list(policies)
-        self.hook, self.members = hook or EpisodeHook(), members
-        self.scale, self.bounded, self.num_games = scale, bounded, games
-        self.seat = player.number
-        self.seats = slice(self.seat, self.seat + members)
-        self.moved = slice(self.seat, self.seat + (player.team_size if player.joint else members))
-        self.idle = np.zeros((games, members), dtype=bool)
-        alone = self.moved == slice(0, agents)
-        self._actions = None if alone else np.zeros((games, agents), dtype=np.int32)
-        self.finished_returns: list[NDArray[np.float64]] = []
-        self.finished_lengths: list[NDArray[np.int32]] = []
-        self.resume = self.was_reset = False
+        batch = simulator.num_games * members
+        EnvBase.__init__(self, device="cpu", batch_size=[batch])
+        BatchEnv.__init__(self, simulator, player, policies, hook, members, scale, bounded)
         self.reward_spec = Unbounded((batch, 1))
         flag = Binary(n=1, shape=(batch, 1), dtype=torch.bool)
         self.full_done_spec = Composite({key: flag.clone() for key in FLAGS}, shape=(batch,))
@@ -127,10 +57,7 @@ class SimulatorEnv(EnvBase):
         """The specs of observations, of idle agents and of masks."""
         player = self.player
         low, high = player.bounds(self.simulator)
-        self.stack, self.frames = None, np.zeros(0)
-        if player.frame_stack > 1:
-            self.stack = FrameStack(player.seen, player.frame_stack)
-            self.frames = self.stack.empty_frames(batch, low.dtype)
+        if self.stack is not None:
             low = np.concatenate([low] * self.stack.count)
             high = player.features.high.astype(low.dtype)
         specs: dict[str, TensorSpec] = {"observation": _bounded(batch, low, high)}
@@ -143,142 +70,24 @@ class SimulatorEnv(EnvBase):
             specs[CRITIC] = _bounded(batch, *player.critic_bounds(self.simulator))
         return specs
 
-    # -- one step ----------------------------------------------------------------------------------
-
     def _observe(self) -> dict[str, torch.Tensor]:
-        """The observations [batch, ...] of the learner's agents, their idle flags and masks."""
-        simulator, player = self.simulator, self.player
-        seen = self._stacked(player.observe(simulator, self.seats))
-        found = {"observation": torch.from_numpy(seen).flatten(0, 1)}
-        if self.members > 1:
-            found["idle"] = torch.from_numpy(self.idle.reshape(-1, 1).copy())
-        if player.critic:
-            central = player.critic_observations(simulator)
-            found[CRITIC] = torch.from_numpy(central).flatten(0, 1)
-        if player.has_masks:
-            allowed = player.allowed(simulator, self.seats)
-            found[ACTION_MASK] = torch.from_numpy(allowed.reshape(-1, allowed.shape[-1]))
+        found = super()._observe()
+        if ACTION_MASK in found:
             self.action_spec.update_mask(found[ACTION_MASK])
         return found
-
-    def _stacked(self, seen: Observations) -> Observations:
-        """[games, k, *shape]: the current observations, stacked with the previous ones."""
-        if self.stack is None:
-            return seen
-        flat = self.stack.with_newest(self.frames, seen.reshape(-1, *seen.shape[2:]))
-        return flat.reshape(*seen.shape[:2], *flat.shape[1:])
-
-    def _play(self, actions: torch.Tensor) -> StepOutcome:
-        """One step with the learner's actions [batch, ...]."""
-        simulator, player, games = self.simulator, self.player, self.num_games
-        chosen = player.moves(actions.numpy()).reshape(games, -1)
-        if self._actions is not None:
-            simulator.act(self.policies, self._actions)
-            self._actions[:, self.moved] = chosen
-            chosen = self._actions
-        simulator.step(chosen)
-        rewards = simulator.rewards.reshape(games, -1)[:, self.moved]
-        if self.stack is not None:
-            shift(self.frames)
-        left = player.left(simulator, self.moved)
-        if left is None:
-            left = np.zeros(rewards.shape, dtype=bool)
-        if player.joint:
-            rewards, left = rewards.mean(axis=1, keepdims=True), left.all(axis=1, keepdims=True)
-        terminated = simulator.terminated[:, None] | left
-        truncated = simulator.truncated[:, None] & ~left
-        if self.bounded:
-            terminated, truncated = terminated | truncated, np.zeros_like(truncated)
-        over = (terminated | truncated).all(axis=1)
-        if self.members > 1:
-            self.idle[:] = left & ~over[:, None]
-        return StepOutcome(rewards * np.float32(self.scale), terminated, truncated, over)
-
-    def _returns(self, games: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """[n] the mean episode return of the learner's agents in each game of the mask."""
-        returns: Array = self.simulator.returns.reshape(self.num_games, -1)
-        return returns[games, self.moved].mean(axis=1)
-
-    # -- episodes ----------------------------------------------------------------------------------
-    def reset_games(self) -> None:
-        """Reset all games; the first time to the first episodes of the simulator's seed.
-
-        The simulator itself has already started these, but without the hook.
-        """
-        if not self.was_reset and self.simulator.last_seed is not None:
-            self.simulator.seed(self.simulator.last_seed)
-        self.was_reset = True
-        self.restart()
-
-    def restart(self, games: NDArray[np.bool_] | None = None) -> None:
-        """Start new episodes, configured by the hook, in the games of the mask, by default all."""
-        chosen = np.arange(self.num_games) if games is None else np.flatnonzero(games)
-        if len(chosen):
-            self.hook.before_restart(chosen)
-            self.simulator.reset(games=games)
-            self.idle[chosen] = False
-            if self.stack is not None:
-                rows = self.frames.reshape(self.num_games, self.members, *self.frames.shape[1:])
-                self.stack.forget(rows, chosen)
-            self.hook.after_restart(chosen)
-
-    def finish(self, games: NDArray[np.bool_]) -> None:
-        """Record the episodes in the mask [num_games], which have just ended."""
-        self.finished_returns.append(self._returns(games))
-        each = self.simulator.task.steps_per_round
-        self.finished_lengths.append(-(-self.simulator.steps[games] // each))
-        self.hook.episode_ended(games)
 
     def _batch(self, content: dict[str, torch.Tensor]) -> TensorDictBase:
         return TensorDict(content, batch_size=self.batch_size, device=self.device)
 
-    def _step_games(
-        self, actions: torch.Tensor, alive: NDArray[np.bool_] | None = None
-    ) -> tuple[dict[str, torch.Tensor], NDArray[np.bool_]]:
-        """One step with the learner's actions: all results, and the games that ended [num_games].
-
-        Args:
-            actions: [batch, ...].
-            alive: [num_games], the episodes that were running before the step; None for all.
-        """
-        rewards, terminated, truncated, over = self._play(actions)
-        ending = over if alive is None else over & alive
-        if ending.any():
-            self.finish(ending)
-        flags = dict(zip(FLAGS, (terminated, truncated, terminated | truncated), strict=True))
-        after = {
-            **self._observe(),
-            "reward": torch.from_numpy(rewards.reshape(-1, 1)),
-            **{name: torch.from_numpy(flag.reshape(-1, 1)) for name, flag in flags.items()},
-        }
-        return after, over
-
     def _reset(self, tensordict: TensorDictBase | None = None, **_: object) -> TensorDictBase:
         if tensordict is not None and tensordict.get("_reset", None) is not None:
             self.restart(tensordict["_reset"].view(-1, self.members).all(dim=1).numpy())
-        elif not self.resume:
-            self.reset_games()
-        self.resume = False
-        return self._batch(self._observe())
+            self.resume = False
+            return self._batch(self._observe())
+        return self._batch(BatchEnv.reset(self))
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         return self._batch(self._step_games(tensordict["action"])[0])
-
-    def step_episodes(
-        self, actions: torch.Tensor, running: torch.Tensor
-    ) -> dict[str, torch.Tensor]:
-        """A step without restarts, for learning from whole episodes; one agent per game.
-
-        Args:
-            actions: [num_games, ...]; those of games that have ended are ignored.
-            running: [n] int64, the running games.
-
-        Returns:
-            The results of the step for all games.
-        """
-        alive = np.zeros(self.num_games, dtype=bool)
-        alive[running.numpy()] = True
-        return self._step_games(actions, alive)[0]
 
     def step_and_maybe_reset(
         self, tensordict: TensorDictBase
@@ -291,24 +100,6 @@ class SimulatorEnv(EnvBase):
         running = torch.zeros_like(after["done"])
         following = self._batch({**seen, **{name: running.clone() for name in FLAGS}})
         return tensordict.set("next", self._batch(after)), following
-
-    def step_tensors(
-        self, actions: torch.Tensor
-    ) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-        """As `step_and_maybe_reset`, without TensorDicts, which take as long as 500 games.
-
-        Args:
-            actions: [batch, ...].
-
-        Returns:
-            The results of the step, and the observations for the next step. After the end of an
-            episode the latter is the first one of the next episode. They may share tensors.
-        """
-        after, over = self._step_games(actions)
-        if over.any():
-            self.restart(over)
-            return after, self._observe()
-        return after, {name: seen for name, seen in after.items() if name not in NOT_OBSERVED}
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:

@@ -20,8 +20,8 @@ from train.teaching.context import Context
 from train.teaching.plan import Plan
 from train.teaching.teacher import EpisodeMetrics, Teacher
 
-if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
-    from train.environments.simulator_env import SimulatorEnv
+if TYPE_CHECKING:  # torch is slow to import
+    from train.environments.batch_env import BatchEnv
     from train.environments.vector_env import LearnerVectorEnv
 
 
@@ -86,16 +86,18 @@ class TaskWorld(ABC):
 
     def games(
         self,
+        form: type[BatchEnv],
         seat: Seat,
         num_games: int,
         seed: int,
         plan: Plan | None,
         first_game: int = 0,
         discount: float = 0.0,
-    ) -> tuple[SimulatorEnv, Teacher | None]:
+    ) -> tuple[BatchEnv, Teacher | None]:
         """The training environment, and the teacher in it.
 
         Args:
+            form: the class of the environment.
             seat: the learning agent, with the training task.
             num_games: number of parallel games, times the members of a team.
             seed: of the games.
@@ -103,15 +105,13 @@ class TaskWorld(ABC):
             first_game: index of the first game among those of the seed.
             discount: of the learner.
         """
-        from train.environments.simulator_env import SimulatorEnv
-
         members = seat.members if seat.team else 1
         batch = self.BATCH(
             seat.task, max(num_games // members, 1), seed, first_game, auto_restart=False
         )
         teacher = None if plan is None else Teacher(plan, batch, self.metrics(seat))
         how = (teacher, members, self.scale, self.bounded(discount))
-        return SimulatorEnv(batch, seat, self.policies(seat), *how), teacher
+        return form(batch, seat, self.policies(seat), *how), teacher
 
     def vector_games(
         self, seat: Seat, num_games: int, seed: int, discount: float

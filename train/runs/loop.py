@@ -50,7 +50,7 @@ from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite, own_defaults
 
 if TYPE_CHECKING:  # slow to import; only training needs it
-    from torchrl.record.loggers import TensorboardLogger
+    from torch.utils.tensorboard import SummaryWriter
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 """Episodes and their steps in a dry run of the results."""
@@ -222,7 +222,7 @@ class Run(Generic[T]):
                     self.save()
                 raise
 
-    def _train(self, signals: Signals, board: TensorboardLogger, report: OnReport[T]) -> None:
+    def _train(self, signals: Signals, board: SummaryWriter, report: OnReport[T]) -> None:
         trainee, cores = self.trainee, os.cpu_count() or 1
         # Results depend on the number of threads in the last bits, so it may be fixed.
         free = self.budget.free_threads and cores > 1
@@ -281,7 +281,7 @@ class Run(Generic[T]):
         torch.set_num_threads(threads)
         set_random_states(states)
 
-    def _record(self, signals: Signals, board: TensorboardLogger, report: OnReport[T]) -> None:
+    def _record(self, signals: Signals, board: SummaryWriter, report: OnReport[T]) -> None:
         """Evaluate, and save the row and the checkpoint.
 
         One that is not due, where `report` stopped the run, leaves no trace in a resumed run.
@@ -307,22 +307,21 @@ class Run(Generic[T]):
             if due:
                 with self._writes_tensorboard():
                     for name, value in row.items():
-                        board.log_scalar(name, value, step=frames)
+                        board.add_scalar(name, value, frames)
         report(self, row)
 
     @contextlib.contextmanager
-    def _tensorboard(self) -> Iterator[TensorboardLogger]:
-        """The TensorBoard logger, closed at the end."""
-        from torchrl.record.loggers import TensorboardLogger
+    def _tensorboard(self) -> Iterator[SummaryWriter]:
+        """The events for TensorBoard, closed at the end."""
+        from torch.utils.tensorboard import SummaryWriter  # slow to import
 
         with self._writes_tensorboard():
-            board = TensorboardLogger("tensorboard", str(self.folder))
-            events = board.experiment
+            board = SummaryWriter(str(self.folder / "tensorboard"))
         try:
             yield board
         finally:
             with self._writes_tensorboard():
-                events.close()
+                board.close()
 
     @contextlib.contextmanager
     def _writes_tensorboard(self) -> Iterator[None]:

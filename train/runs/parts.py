@@ -29,8 +29,8 @@ from train.settings.run import SHARED_OUT, AgentSettings
 from train.teaching.plan import Plan, plan_curriculum
 from train.teaching.teacher import Teacher
 
-if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.environments.simulator_env import SimulatorEnv
+if TYPE_CHECKING:  # slow to import
+    from train.environments.batch_env import BatchEnv
     from train.environments.vector_env import LearnerVectorEnv
 
 FEWEST_ITERATIONS, FEWEST_EPISODES = 10, 3
@@ -60,14 +60,14 @@ class Parts:
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[SimulatorEnv | LearnerVectorEnv, Teacher | None]:
+    def games(self) -> tuple[BatchEnv | LearnerVectorEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
         if self.algorithm.own_loop:
             own = (games, self.build.seed, self.hyper.last_gamma)
             return self.world.vector_games(self.seat, *own), None
         how = (self.build.seed, self.plan, self.rank * games, self.hyper.last_gamma)
-        env, teacher = self.world.games(self.seat, games, *how)
+        env, teacher = self.world.games(self.algorithm.env_form, self.seat, games, *how)
         if teacher is not None and self.rank:
             teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum
         return env, teacher

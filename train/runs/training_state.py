@@ -18,11 +18,11 @@ from train.runs.folder import check_learned
 from train.runs.parts import Parts
 from train.teaching.teacher import Teacher
 
-if TYPE_CHECKING:  # slow to import; only training needs them
-    from train.environments.simulator_env import SimulatorEnv
+if TYPE_CHECKING:  # slow to import
+    from train.environments.batch_env import BatchEnv
     from train.environments.vector_env import LearnerVectorEnv
 
-    AnyEnv = SimulatorEnv | LearnerVectorEnv
+    AnyEnv = BatchEnv | LearnerVectorEnv
 
 FINISHED = ("returns", "lengths")
 """What is saved of the training episodes since the last evaluation."""

@@ -23,8 +23,8 @@ from train.self_play.pool import PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import StateDict
 
-if TYPE_CHECKING:  # TorchRL and TensorDict, which are slow to import; only training needs them
-    from train.environments.simulator_env import SimulatorEnv
+if TYPE_CHECKING:  # torch is slow to import
+    from train.environments.batch_env import BatchEnv
 
 DECAY = 10
 """The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
@@ -124,10 +124,8 @@ class SideParts:
     min_probability: float
     average: bool = True
 
-    def games(self, number: int, others: Sequence[str]) -> tuple[SimulatorEnv, Opponents]:
+    def games(self, number: int, others: Sequence[str]) -> tuple[BatchEnv, Opponents]:
         """The training environment of the side with this number, and its opponents."""
-        from train.environments.simulator_env import SimulatorEnv
-
         game, seat, members = self.game, self.seat, self.seat.members
         count, steps = self.hyper.num_games, self.hyper.rollout_steps
         seed, first = self.build.seed, number * 2**20
@@ -135,7 +133,7 @@ class SideParts:
         opponents = Opponents(batch, game, seat.agent, others, 2 * seed + number, steps)
         policies = [opponents.policies.get(role) for role in game.by_agent]
         how = (opponents, members, game.scale(seat.agent), game.bounded)
-        return SimulatorEnv(batch, seat, policies, *how), opponents
+        return self.algorithm.env_form(batch, seat, policies, *how), opponents
 
 
 class Side:

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from tensordict import TensorDict
-from torchrl.data import Categorical, Composite, Unbounded
 
 from train.algorithms.registry import Build, entry
 from train.environments.hooks import EpisodeHook
@@ -19,7 +18,7 @@ class MatrixPlayer:
     """A player of a matrix game, which observes a constant."""
 
     features = Features("flat", (1,), np.ones(1))
-    continuous, members = False, 1
+    continuous, has_masks, members = False, False, 1
     critic_features = observed = None
 
     def __init__(self, num_actions: int) -> None:
@@ -39,10 +38,9 @@ class MatrixEnv:
     hook, resume, opponent = EpisodeHook(), False, np.zeros(0)
 
     def __init__(self, payoff: NDArray[np.float64], num_games: int) -> None:
-        self.payoff, self.num_games = torch.tensor(payoff, dtype=torch.float32), num_games
+        self.payoff = torch.tensor(payoff, dtype=torch.float32)
+        self.num_games = self.rows = num_games
         self.player = MatrixPlayer(len(payoff))
-        self.observation_spec = Composite(observation=Unbounded((num_games, 1)))
-        self.action_spec = Categorical(len(payoff), shape=(num_games,))
 
     def reset(self) -> TensorDict:
         return TensorDict({"observation": torch.ones(self.num_games, 1)}, [self.num_games])

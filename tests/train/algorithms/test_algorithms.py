@@ -386,12 +386,8 @@ class Line(EnvBase):
 
     def __init__(self, num_games: int) -> None:
         super().__init__(device="cpu", batch_size=[num_games])
-        self.player, self.hook, self.num_games, self.resume = (
-            Point(),
-            EpisodeHook(),
-            num_games,
-            False,
-        )
+        self.player, self.hook, self.resume = Point(), EpisodeHook(), False
+        self.num_games = self.rows = num_games
         each = (num_games, 1)
         self.observation_spec = Composite(
             observation=Bounded(-1.0, 1.0, shape=each), shape=(num_games,)
@@ -424,7 +420,7 @@ class Point:
     """The player on the line."""
 
     features = Features("flat", (1,), np.ones(1))
-    num_actions, members, continuous = 2, 1, False
+    num_actions, members, continuous, has_masks = 2, 1, False, False
     observed = critic_features = None
 
     def policy(self, network: Any, greedy: bool = True) -> Any:

@@ -18,7 +18,7 @@ from train.algorithms import registry
 from train.algorithms.learner import Build
 from train.algorithms.registry import ALGORITHMS, entry
 from train.commands.main import main
-from train.environments.simulator_env import SimulatorEnv
+from train.environments.batch_env import BatchEnv
 from train.environments.vector_env import LearnerVectorEnv
 from train.kinds import start
 from train.runs.folder import RUN
@@ -49,7 +49,7 @@ def test_the_games_are_those_of_our_learners(game: str) -> None:
     """The same rewards, episodes and observations for the same actions."""
     one, _ = parts("cleanrl_ppo", game).games()
     two, _ = ours(game)
-    assert isinstance(one, LearnerVectorEnv) and isinstance(two, SimulatorEnv)
+    assert isinstance(one, LearnerVectorEnv) and isinstance(two, BatchEnv)
     rng = np.random.default_rng(0)
     seen, inputs = one.reset(seed=0)[0], one.interface.inputs
     other = two.reset()
@@ -58,13 +58,13 @@ def test_the_games_are_those_of_our_learners(game: str) -> None:
         np.testing.assert_array_equal(seen, inputs(other["observation"]).numpy())
         actions = rng.integers(one.single_action_space.n, size=8)
         seen, rewards, terminated, truncated, _ = one.step(actions)
-        after, other = two.step_and_maybe_reset(other.set("action", torch.from_numpy(actions)))
+        after, other = two.step_tensors(torch.from_numpy(actions))
         for name, own in (
             ("reward", rewards),
             ("terminated", terminated),
             ("truncated", truncated),
         ):
-            np.testing.assert_array_equal(after["next", name].squeeze(-1).numpy(), own)
+            np.testing.assert_array_equal(after[name].squeeze(-1).numpy(), own)
     for name in ("finished_returns", "finished_lengths"):
         found = [np.concatenate(getattr(env, name)) for env in (one, two)]
         assert len(found[0]) >= 8

@@ -130,7 +130,7 @@ def test_separate_networks_learn_from_the_frames_of_their_own_agent(
         rows = (owner.reshape(len(owner), -1)[:, 0] == number).nonzero().squeeze(-1)
         part = {name: column[rows] for name, column in frames.items()}
         part["prepared"] = own.policy_trunk.prepare(part["prepared"])
-        if CRITIC in env.observation_spec.keys():  # noqa: SIM118
+        if env.player.critic:
             part["critic_prepared"] = own.value_trunk.prepare(part["critic_prepared"])
         learner.engine.network = own
         loss, _ = ppo_loss(own, part, coefficients)
@@ -201,7 +201,7 @@ def test_joint_actions_are_the_actions_of_all_agents() -> None:
     made = parts("ippo", sharing="joint")
     env: Any = made.games()[0]
     twin = Simulator(task, env.num_games, made.build.seed, auto_restart=False)
-    assert env.num_games == 24 and env.action_spec.space.n == 4**3
+    assert env.num_games == 24 and env.player.num_actions == 4**3
     env.reset()
     actions, others = torch.randint(64, (24,)), [None] * 3 + [made.world.opponents["evader"]] * 2
     whole = np.zeros((24, 5), dtype=np.int32)

@@ -9,7 +9,8 @@ import torch
 
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import make_task
-from train.algorithms.learner import clip_gradients, step_adam
+from train.algorithms.adam import Adam
+from train.algorithms.learner import clip_gradients
 from train.networks.fused import fused_hidden, fused_layers
 from train.networks.layers import Hidden, Trunk
 from train.networks.policy import MazeSeat
@@ -89,35 +90,58 @@ def test_quick_action_values_are_action_values(hidden: Hidden, dueling: bool) ->
         torch.testing.assert_close(network.forward_inference(seen), values)
 
 
-def test_a_step_is_adams_own_bit_for_bit() -> None:
+def test_adam_is_torchs_own_bit_for_bit() -> None:
     torch.manual_seed(0)
     ours = QNetwork(FEATURES, 4, Hidden(16))
     theirs = deepcopy(ours)
-    optimizers = [torch.optim.Adam(one.parameters(), 3e-3, fused=True) for one in (ours, theirs)]
+    own = Adam(ours.parameters(), 3e-3, (0.8, 0.99), 1e-5)
+    torchs = torch.optim.Adam(theirs.parameters(), 3e-3, (0.8, 0.99), 1e-5, fused=True)
     seen = observed(50)
     for number in range(4):
-        for network, optimizer in zip((ours, theirs), optimizers, strict=True):
-            optimizer.param_groups[0]["lr"] = 3e-3 / (1 + number)
+        own.lr = torchs.param_groups[0]["lr"] = 3e-3 / (1 + number)
+        for network, optimizer in ((ours, own), (theirs, torchs)):
             optimizer.zero_grad()
             network(seen).square().mean().backward()
-        step_adam(optimizers[0])
-        optimizers[1].step()
+            optimizer.step()
+        if number == 1:  # checkpoints of the one are those of the other
+            states = deepcopy(own.state_dict()), deepcopy(torchs.state_dict())
+            assert list(states[0]["param_groups"][0]) == list(states[1]["param_groups"][0])
+            assert states[0]["param_groups"] == states[1]["param_groups"]
+            own = Adam(ours.parameters(), 1.0)
+            own.load_state_dict(states[1])
+            torchs.load_state_dict(states[0])
     for a, b in zip(ours.parameters(), theirs.parameters(), strict=True):
         assert torch.equal(a, b)
-    states = [optimizer.state_dict()["state"] for optimizer in optimizers]
-    for number, moments in states[0].items():
-        for name, tensor in moments.items():
-            assert torch.equal(tensor, states[1][number][name]), name
+    moments = [optimizer.state_dict()["state"] for optimizer in (own, torchs)]
+    assert list(moments[0]) == list(moments[1]) == [*range(len(own.weights))]
+    for number, by_name in moments[0].items():
+        assert list(by_name) == list(moments[1][number])
+        for name, tensor in by_name.items():
+            assert torch.equal(tensor, moments[1][number][name]), name
 
 
-def test_weights_without_a_gradient_are_left_to_adam() -> None:
+def test_adam_leaves_weights_without_a_gradient() -> None:
     weights = [torch.nn.Parameter(torch.ones(3)) for _ in range(2)]
-    optimizer = torch.optim.Adam(weights, 0.1, fused=True)
+    optimizer = Adam(weights, 0.1)
     for _ in range(3):
         optimizer.zero_grad()
         weights[0].sum().backward()
-        step_adam(optimizer)
+        optimizer.step()
     assert (weights[0] < 1.0).all() and torch.equal(weights[1], torch.ones(3))
+    assert [*optimizer.state_dict()["state"]] == [0]
+
+
+@pytest.mark.parametrize("other", [[3], [3, 4], [3, 3, 3]])
+def test_adam_takes_no_state_of_other_weights(other: list[int]) -> None:
+    states = []
+    for sizes in ([3, 3], other):
+        weights = [torch.nn.Parameter(torch.ones(size)) for size in sizes]
+        optimizer = Adam(weights, 0.1)
+        torch.autograd.backward([weight.sum() for weight in weights])
+        optimizer.step()
+        states.append(optimizer.state_dict())
+    with pytest.raises(ValueError, match="weight"):
+        optimizer.load_state_dict(states[0])
 
 
 @pytest.mark.parametrize("most", [0.1, 1e3])
