@@ -15,9 +15,9 @@ train: $(TRAINS)
 # of the other.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/docs
 
-# Compiles kernels once for all workers; they stay compiled until the code changes.
+# Compiles most kernels once, as otherwise both workers of pytest compile one that both need.
 $(KERNELS): $(SETUP) $(shell find pursuit scripted_agents train -name '*.py')
-	PYTHONPATH=. $(BIN)/python tests/compile_kernels.py
+	$(BIN)/pursuit warm-up --all
 	@touch $(KERNELS)
 
 test: $(KERNELS)
@@ -48,6 +48,7 @@ docs-test: docs
 
 bench: $(SETUP)
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
+	$(BIN)/python tools/benchmarks/bench_start.py
 	$(BIN)/python tools/benchmarks/bench_simulator.py
 	$(BIN)/python tools/benchmarks/bench_reacher.py
 	$(BIN)/python tools/benchmarks/bench_exact.py

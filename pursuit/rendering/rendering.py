@@ -36,6 +36,8 @@ ROLE_COLORS: dict[str, Color] = {
     "runner": (0, 158, 115),
     "goal": (240, 228, 66),
 }
+SHADES = 3
+"""The darkest of five shades of yellow for values."""
 SUPERSAMPLING = 8
 MARGIN = 12
 MIN_CELL_PIXELS = 3
@@ -65,6 +67,10 @@ class Scene:
         steps, max_steps: steps of the episode, and its maximal length.
         caption: text for the footer.
         exits: the cells of the exits.
+        values: of a grid, a number for every cell or NaN, shown by text and colour (white least,
+            yellow most).
+        moves: of a grid, the cell that a move from every cell leads to, shown as arrows.
+        trails: the cells where each agent has been.
 
     Raises:
         ValueError: the cell of an agent, a goal or an exit is not in the maze.
@@ -77,6 +83,9 @@ class Scene:
     max_steps: int
     caption: str = ""
     exits: tuple[int, ...] = ()
+    values: tuple[float, ...] = ()
+    moves: tuple[int, ...] = ()
+    trails: tuple[tuple[int, ...], ...] = ()
 
     def __post_init__(self) -> None:
         for cell in chain((agent.cell for agent in self.agents), self.goals, self.exits):
@@ -114,10 +123,35 @@ class Scene:
         pen, half = ImageDraw.Draw(image), (0.5 if self.maze.is_grid else 0.3) * layout.inside - 1
         for x, y in (layout.middle(self.maze, cell) for cell in self.exits):
             pen.rectangle([x - half, y - half, x + half, y + half], EXIT)
+        self._draw_overlay(pen, layout)
         for token, x, y in _placed_tokens(self, layout):
             image.paste(token, (x, y), token)
         draw_footer(image, layout.height, layout.font_size, self.footer, self.caption)
         return np.array(image)
+
+    def _draw_overlay(self, pen: ImageDraw.ImageDraw, layout: _Layout) -> None:
+        """Draw values, trails and moves."""
+        middles = [layout.middle(self.maze, cell) for cell in range(self.maze.num_cells)]
+        half, font = layout.inside / 2 - 1, font_of(max(8, layout.inside // 4))
+        known = [value for value in self.values if not math.isnan(value)]
+        for (x, y), value in zip(middles, self.values, strict=False):
+            if not math.isnan(value):
+                share = round(SHADES * (value - min(known)) / max(max(known) - min(known), 1e-9))
+                pen.rectangle([x - half, y - half, x + half, y + half], _shade(share))
+                pen.text((x - half + 2, y - half + 1), f"{value:.{value < 9.95:d}f}", WALL, font)
+        width = max(1, round(layout.inside / 16))
+        for agent, cells in zip(self.agents, self.trails, strict=False):
+            if len(cells) > 1:
+                pen.line([middles[cell] for cell in cells], ROLE_COLORS[agent.role], width, "curve")
+        color = ROLE_COLORS["runner"]
+        for middle, there in zip(np.array(middles), self.moves, strict=False):
+            along = np.sign(middles[there] - middle) * 0.2 * layout.inside
+            across, tip = 0.6 * along[::-1], middle + along
+            pen.line([*(middle - along), *tip], color, width)
+            corners = (tip - 0.7 * along + across, tip, tip - 0.7 * along - across)
+            pen.line([tuple(corner) for corner in corners], color, width)
+            if not along.any():  # it waits
+                pen.ellipse([*(middle - width), *(middle + width)], color)
 
     def text(self) -> str:
         """The scene in the text format of mazes, then the step count and the caption.
@@ -216,6 +250,12 @@ def _background(
     else:
         _draw_graph(image, maze, layout)
     return image, layout
+
+
+def _shade(share: int) -> Color:
+    """The colour of values, of `share` fifths of yellow; GIFs have these colours."""
+    red, green, blue = WHITE + (np.array(ROLE_COLORS["goal"]) - WHITE) * share // 5
+    return int(red), int(green), int(blue)
 
 
 def _draw_graph(image: Image.Image, maze: Maze, layout: _Layout) -> None:

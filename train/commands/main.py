@@ -25,8 +25,8 @@ USAGE = """usage: pursuit COMMAND [options]        (pursuit COMMAND --help lists
 
 Pursuit in mazes with reinforcement learning and exact optima.
 
-New here? These three commands take a minute:
-  pursuit maze 5x5
+New here? These commands take a minute:
+  pursuit demo
   pursuit baseline --maze 5x5
   pursuit train --maze 5x5 --seconds 30
 
@@ -39,12 +39,16 @@ Train and evaluate an agent:
               pursuit baseline --task maze --maze 5x5 --num-goals 3
   play      play a game by hand as any agent, compared with the optimum
               pursuit play --maze 9x9 --role evader
+  demo      a page with exact values of scripted agents at play, without training
+              pursuit demo
   view      an HTML page that plays episodes with exact values; reports of runs
               pursuit view runs/first
   render    a replay of a run or of scripted agents as GIF or MP4
               pursuit render runs/first --out first.gif
   export    the network of a run as ONNX or as a program of torch.export
               pursuit export runs/first --out first.onnx
+  warm-up   compile what the first training compiles, for images and clusters
+              pursuit warm-up
 
 Self-play:
   self-play train both roles against each other, with exact exploitability

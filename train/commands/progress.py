@@ -8,6 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
+from shlex import quote
 from time import perf_counter, strftime
 from typing import TYPE_CHECKING, TypeVar
 
@@ -195,9 +196,15 @@ def finish_run(
             if limit := content.get("exact_limit"):
                 print(f"{limit}; `pursuit evaluate` has none by default", file=sys.stderr)
         except KeyboardInterrupt:
-            again += f"{allow_options(run.folder / CONFIG)} --resume {run.folder}"
+            again += f"{allow_options(run.folder / CONFIG)} --resume {quote(str(run.folder))}"
             print(f"interrupted; {kept(run)}; resume with: {again}", file=sys.stderr)
             raise
     if present is not None:
         present(run, content)
     return content
+
+
+def print_end(files: str, folder: Path) -> None:
+    """Print which files a run has written, and the command that shows them."""
+    print(f"{files}: {folder}")
+    print(f"look: pursuit view{allow_options(folder / CONFIG)} {quote(str(folder))}")

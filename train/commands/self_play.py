@@ -10,7 +10,13 @@ import tyro
 
 from pursuit.validation import check
 from train.commands.parse import default_budget, options_in, parse, parse_known
-from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
+from train.commands.progress import (
+    RunCommand,
+    check_resumed,
+    finish_run,
+    print_end,
+    start_or_resume,
+)
 from train.evaluation.self_play_text import describe_mixing
 from train.files import Plain
 from train.reports.tables import print_table
@@ -206,4 +212,4 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
         if each.legend:
             print(each.legend)
     print("", *game.describe(content), sep="\n")
-    print(f"results{'' if run.present is None else f', curve and {REPORT}'}: {run.folder}")
+    print_end(f"results{'' if run.present is None else f', curve and {REPORT}'}", run.folder)

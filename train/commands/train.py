@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, options_in, parse, parse_known
-from train.commands.progress import RunCommand, check_resumed, finish_run, start_or_resume
+from train.commands.progress import (
+    RunCommand,
+    check_resumed,
+    finish_run,
+    print_end,
+    start_or_resume,
+)
 from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
 from train.evaluation.scores import Score
 from train.files import Plain
@@ -147,4 +153,4 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
     print_team(content)
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
-    print(f"{files}: {run.folder}")
+    print_end(files, run.folder)

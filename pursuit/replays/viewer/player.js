@@ -6,7 +6,7 @@ const HELP = [
   ["space", "play, pause"], ["← →", "one step back, forward (with shift ten)"], ["home end", "first, last step"],
   ["↑ ↓", "previous, next episode"], ["0 … 9", "speed: 1 is one step per second, each higher number doubles it, 0 is the maximum"],
   ["b", "all episodes side by side, or one"], ["t", "trails"], ["v", "exact value of every cell, for the selected agent"],
-  ["p", "learned policy (solid) and optimal moves (dashed)"], ["o", "observation of the learner"], ["d", "dark, light"], ["?", "this list"],
+  ["p", "moves of the played policy (solid) and optimal ones (dashed)"], ["o", "observation of the learner"], ["d", "dark, light"], ["?", "this list"],
 ];
 
 function make(name, attributes = {}, ...children) {
@@ -105,11 +105,12 @@ class Player {
     this.speed = 3;
     this.playing = false;
     this.several = false;
-    this.shown = { trails: true, values: false, policy: false, seen: false };
+    this.shown = { trails: true, values: false, policy: false, seen: false, ...data.shown };
     this.side = 0;
     this.build();
     this.lay();
     document.addEventListener("keydown", (event) => this.key(event));
+    if (data.playing) this.play(true);
   }
 
   get episode() { return this.episodes[this.chosen]; }
@@ -133,7 +134,7 @@ class Player {
       play: button("play", "play (space)", () => this.play(!this.playing)),
       trails: toggle("trails", "t", "trails", () => this.toggle("trails")),
       values: toggle("values", "v", "exact value of every cell", () => this.toggle("values")),
-      policy: toggle("policy", "p", "learned policy and optimal moves", () => this.toggle("policy")),
+      policy: toggle("policy", "p", "moves of the played policy and optimal ones", () => this.toggle("policy")),
       seen: toggle("observed", "o", "observation of the learner", () => this.toggle("seen")),
       several: toggle("side by side", "b", "all episodes side by side", () => this.lay(!this.several)),
     };
@@ -336,7 +337,7 @@ class Player {
     if (players.length) parts.push(`${players.join(", ")}.`);
     if (episode.world.exits) parts.push("Green cells are exits; evaders that have left the game are dashed.");
     if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of ${side.name} (blue few, yellow many).`);
-    if (side && this.shown.policy) parts.push(`Moves of ${side.name}: dashed optimal${side.learned ? ", solid learned (the most probable one); a dotted frame if they differ" : ""}.`);
+    if (side && this.shown.policy) parts.push(`Moves of ${side.name}: dashed optimal${side.learned ? ", solid played (the most probable one); a dotted frame if they differ" : ""}.`);
     if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
     this.legend.textContent = parts.join(" ");
     const observed = this.shown.seen && episode.observed;

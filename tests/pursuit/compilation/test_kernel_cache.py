@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core import event
 
 from pursuit.compilation import kernel_cache
 from pursuit.compilation.compiled import compiled
@@ -29,7 +30,7 @@ print(flush=True)
 sys.stdin.readline()
 for name in sys.argv[1:]:
     assert doubled(np.array([3], dtype=name)) == 6
-print(sum(doubled.stats.cache_hits.values()), flush=True)
+print(sum(doubled.stats.cache_hits.values()), sum(doubled.stats.cache_misses.values()), flush=True)
 """
 
 
@@ -50,42 +51,63 @@ def kernel_in(folder: Path, monkeypatch: pytest.MonkeyPatch, stamp: str = "stamp
 
 
 @pytest.mark.slow
-def test_parallel_compilation_keeps_all_cache_entries(tmp_path: Path) -> None:
-    """Processes start simultaneously; each signature is compiled by two of them."""
+def test_processes_that_begin_at_once_fill_one_cache(tmp_path: Path) -> None:
+    """Four processes compile the same in different orders, then a fifth compiles nothing."""
     script = tmp_path / "script.py"
     script.write_text(WRITER)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
-    def started(*types: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [sys.executable, str(script), *types],
+    def started(first: int) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, str(script), *TYPES[first:], *TYPES[:first]],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env=environment,
         )
+        assert process.stdout is not None and process.stdout.readline() == "\n"
+        return process
 
-    def hits(process: subprocess.Popen[str]) -> int:
+    def begin(process: subprocess.Popen[str]) -> None:
+        assert process.stdin is not None
+        print(file=process.stdin, flush=True)
+
+    def hits_and_misses(process: subprocess.Popen[str]) -> list[int]:
         with process:
-            assert process.stdin is not None and process.stdout is not None
-            print(file=process.stdin, flush=True)
-            found = int(process.stdout.readline())
+            assert process.stdout is not None
+            found = [int(part) for part in process.stdout.readline().split()]
         assert process.returncode == 0
         return found
 
-    writers = [started(*TYPES[first : first + 4]) for first in (0, 2, 4, 5)]
+    writers = [started(first) for first in (0, 0, 2, 5)]
     for writer in writers:
-        assert writer.stdout is not None and writer.stdout.readline() == "\n"
-    for writer in writers:
-        assert writer.stdin is not None
-        print(file=writer.stdin, flush=True)
-    for writer in writers:
-        with writer:
-            assert writer.wait(120) == 0
-    reader = started(*TYPES)
-    assert reader.stdout is not None and reader.stdout.readline() == "\n"
-    assert hits(reader) == len(TYPES)
+        begin(writer)
+    assert all(sum(hits_and_misses(writer)) == len(TYPES) for writer in writers)
+    begin(reader := started(0))
+    assert hits_and_misses(reader) == [len(TYPES), 0]
     assert not list(tmp_path.rglob("*.tmp.*"))  # nothing half written is left
+
+
+def test_other_processes_do_not_wait_for_a_compilation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder is locked while files are read or written only."""
+    fcntl = pytest.importorskip("fcntl")
+    kernel, compilations = kernel_in(tmp_path, monkeypatch), 0
+
+    class Other(event.Listener):
+        def on_start(self, event: Any) -> None:
+            nonlocal compilations
+            handle = os.open(tmp_path, os.O_RDONLY)
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises if it is locked
+            os.close(handle)
+            compilations += 1
+
+        on_end = on_start
+
+    with event.install_listener("numba:compile", Other()):
+        assert kernel(np.array([2])) == 4
+    assert compilations == 2
 
 
 def test_machine_code_is_loaded_for_its_signature_only(

@@ -16,10 +16,14 @@ from pursuit.rendering.animation import save_animation
 from pursuit.rendering.rendering import (
     CAPTURED,
     EXIT,
+    MARGIN,
     ROLE_COLORS,
+    SHADES,
     WALL,
+    WHITE,
     AgentMark,
     Scene,
+    _shade,
 )
 from pursuit.rendering.windows import Window
 
@@ -348,3 +352,20 @@ def test_a_window_without_pygame_names_the_remedy(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ImportError, match=r"pip install 'pursuit\[render\]'"):
         Window()
+
+
+def test_values_moves_and_trails_are_in_the_cells() -> None:
+    maze = Maze.from_text("+-+-+-+\n|     |\n+-+-+-+")
+    agents = (AgentMark("chaser_0", 2),)
+    moves, trails = (0, 2, 2), ((0, 1, 2),)
+    scene = Scene(maze, agents, (), 2, 200, values=(5.0, 0.0, float("nan")), moves=moves)
+    picture = scene.draw(cell_pixels=48)
+    cells = [picture[MARGIN + 4 : MARGIN + 46, MARGIN + x : MARGIN + x + 36] for x in (6, 54, 102)]
+
+    assert count(cells[0], _shade(SHADES)) > 1000 > count(cells[0], WHITE)
+    assert count(cells[1], WHITE) > 1000
+    arrows = [count(cell, ROLE_COLORS["runner"]) for cell in cells]
+    assert 0 < arrows[0] < arrows[1] and arrows[2] == 0  # a dot to wait, an arrow, a token
+    walked = replace(scene, trails=trails).draw(cell_pixels=48)
+    assert count(walked[:, : MARGIN + 90], ROLE_COLORS["chaser"]) > 100
+    assert count(picture[:, : MARGIN + 90], ROLE_COLORS["chaser"]) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from html.parser import HTMLParser
 from pathlib import Path
@@ -172,14 +173,27 @@ def test_several_runs_are_on_one_page(runs: dict[str, Path], tmp_path: Path) -> 
     assert [item["world"] for item in data["items"]] == [0, 0, 1, 1, 2, 2]
 
 
+@pytest.mark.parametrize(("command", "name"), [("train", "svg"), ("self-play", "pair")])
 def test_the_report_of_a_complete_run_is_drawn_again(
-    runs: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str,
+    name: str,
+    runs: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    folder = Path(shutil.copytree(runs["svg"], tmp_path / "svg"))
+    """The last line is a command that shows it."""
+    folder = Path(shutil.copytree(runs[name], tmp_path / "it's mine" / name))
     (folder / "report.html").unlink()
-    main(["train", "--resume", str(folder)])
-    assert "results, curve, replay and report.html" in capsys.readouterr().out
-    assert (folder / "report.html").read_text() == (runs["svg"] / "report.html").read_text()
+    main([command, "--resume", str(folder)])
+    said = capsys.readouterr().out
+    files = "curve, replay and report.html" if command == "train" else "curve and report.html"
+    assert f"results, {files}" in said
+    look, *view = shlex.split(said.splitlines()[-1])
+    assert (look, *view[:2], view[-1]) == ("look:", "pursuit", "view", str(folder))
+    drawn = (folder / "report.html").read_text()
+    assert drawn == (runs[name] / "report.html").read_text()
+    main([*view[1:-1], "--no-open", "--out", str(tmp_path / "again.html"), view[-1]])
+    assert (tmp_path / "again.html").read_text() == drawn
 
 
 @pytest.mark.parametrize("how", [[], ["--optimal"]])
