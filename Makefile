@@ -2,9 +2,13 @@
 # .venv with the pinned packages of constraints.txt.
 PYTHON ?= python3
 BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e
 TRAINS := .venv/.trains
 SETUP := .venv/.complete
 KERNELS := .venv/.kernels
+# Python compiles a module when it is first imported. pip would compile all of them, most of which
+# nothing imports, in longer than the rest of the installation takes.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: setup train test test-all lint docs docs-test bench campaign clean
 
@@ -37,7 +41,7 @@ lint: $(SETUP)
 # The site, in half a minute; a link, an anchor or a name that does not exist is an error. Then the
 # pages are tested: examples, commands, tables and numbers; the site is opened in a browser if there is one.
 docs: $(SETUP)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(PIP) '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/docs
 	@echo "open build/docs/index.html"
@@ -47,7 +51,7 @@ docs-test: docs
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m slow tests/docs
 
 bench: $(SETUP)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[bench]'
+	$(PIP) '.[bench]'
 	$(BIN)/python tools/benchmarks/bench_start.py
 	$(BIN)/python tools/benchmarks/bench_simulator.py
 	$(BIN)/python tools/benchmarks/bench_reacher.py
@@ -74,11 +78,11 @@ setup: $(SETUP)
 $(TRAINS): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(v < (3, 11) and f"pursuit needs Python 3.11 or newer; {sys.executable} is {v.major}.{v.minor}. Try: make PYTHON=python3.11")'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(PIP) .
 	@touch $(TRAINS)
 
 $(SETUP): $(TRAINS)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(PIP) '.[dev]'
 	@touch $(SETUP)
 
 clean:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
+import venv
 from pathlib import Path
+
+import pytest
+
+import pursuit
 
 ROOT = Path(__file__).parents[3]
 BLOCKED = (
@@ -26,7 +32,7 @@ BLOCKED = (
     "filelock",
     "pyspiel",
 )
-"""Packages that are not in `requirements-core.txt`: of the default installation and of extras."""
+"""Packages that are not of the core: of the default installation and of extras."""
 EXTRAS = (
     "pursuit.environments.stable_baselines",
     "scripted_agents.games.openspiel",
@@ -110,9 +116,46 @@ def test_it_is_used_with_all_of_training_blocked() -> None:
     assert process.stdout.splitlines()[-1] == "0.5 []"  # after lines of PettingZoo
 
 
+@pytest.mark.slow
+def test_it_is_installed_by_one_command(tmp_path: Path) -> None:
+    """In an environment of its own, from a copy, since pip builds in the folder."""
+    for name in ("core", "pursuit", "scripted_agents", "curricula"):
+        ignored = shutil.ignore_patterns("build", "*.egg-info", "__pycache__")
+        shutil.copytree(ROOT / name, tmp_path / name, symlinks=True, ignore=ignored)
+    venv.create(tmp_path / "env", with_pip=True)
+    python = str(tmp_path / "env" / "bin" / "python")
+    pip = [python, "-m", "pip", "install", "--quiet", "--no-compile", str(tmp_path / "core")]
+    installed = subprocess.run(pip, capture_output=True, text=True, timeout=600)
+    if installed.returncode:
+        pytest.skip(f"cannot be installed here: {installed.stderr.strip().splitlines()[-1]}")
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    environment.pop("PYTHONPATH", None)
+    use = "import pursuit; print(pursuit.__file__)" + USE.format(blocked=(), extras=EXTRAS)
+    for command in (["-m", "pip", "check"], ["-c", use]):
+        done = subprocess.run(
+            [python, *command],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path / "env",
+            env=environment,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith(str(tmp_path / "env")) and lines[-1] == "0.5 []"
+    found = [*(tmp_path / "env").glob("lib/*/site-packages/*")]
+    files = {re.split(r"-\d|\.", each.name)[0].lower() for each in found}
+    assert "numba" in files and not files & {*BLOCKED, "train"}
+
+
 def test_the_core_asks_for_what_the_default_installation_does_and_for_less() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    whole = requirements(project["dependencies"])
-    core = requirements((ROOT / "requirements-core.txt").read_text(encoding="utf-8").splitlines())
-    assert core.items() <= whole.items() and len(core) == 8
-    assert not {*core} & {*BLOCKED} and "supersuit" in whole
+    """And both are of one version, license and range of Python, with the same files."""
+    files = (ROOT / "pyproject.toml", ROOT / "core" / "pyproject.toml")
+    whole, core = (tomllib.loads(each.read_text(encoding="utf-8"))["project"] for each in files)
+    assert all(core[key] == whole[key] for key in ("license", "requires-python"))
+    assert core["dynamic"] == ["version"] and whole["version"] == pursuit.__version__
+    needed, less = requirements(whole["dependencies"]), requirements(core["dependencies"])
+    assert less.items() <= needed.items() and len(less) == 8
+    assert not {*less} & {*BLOCKED}
+    links = {each.name: each.resolve() for each in (ROOT / "core").iterdir() if each.is_symlink()}
+    names = ("pursuit", "scripted_agents", "curricula", "LICENSE")
+    assert links == {name: ROOT / name for name in names}
