@@ -16,12 +16,12 @@ cover:
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import hashlib
 import io
 import os
 import pickle
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -39,6 +39,11 @@ with contextlib.suppress(ImportError):
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("pursuit", "scripted_agents", "train")
 """The packages of this project that have kernels, in `ROOT`."""
+
+IMPORT = re.compile(
+    r"(?:^|[;:])\s*(?:from\s+([\w.]+)\s+)?import\s+(\([^)]*\)|(?:\\\n|[^\n;])+)", re.MULTILINE
+)
+"""An import statement, in a source without comments: the module before and the names behind it."""
 
 has_warned = False
 """Whether this process has warned that compiled kernels cannot be saved."""
@@ -66,14 +71,8 @@ def imported_files(path: Path) -> set[Path]:
 @cache
 def _imports(path: Path) -> set[Path]:
     """The project files that a file imports anywhere; `from a import b` may name module a.b."""
-    names: list[str] = []
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, ast.Import):
-            names += [each.name for each in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            names += [f"{node.module}.{each.name}" for each in node.names]
     files = set()
-    for name in names:
+    for name in imported_names(path):
         parts = name.split(".")
         if parts[0] in PACKAGES:
             module, holder = ROOT.joinpath(*parts), ROOT.joinpath(*parts[:-1])
@@ -82,6 +81,19 @@ def _imports(path: Path) -> set[Path]:
             candidates = (each[0], packages[0], each[1], packages[1])
             files |= set([file for file in candidates if file.is_file()][:1])
     return files
+
+
+def imported_names(path: Path) -> set[str]:
+    """`a` of each `import a` in a file, and `a.b` of each `from a import b`; or more.
+
+    Python's parser would take a quarter of a second for the files of all kernels.
+    """
+    code = re.sub("#.*", "", path.read_text(encoding="utf-8"))
+    return {
+        f"{source}.{name}".strip(".")
+        for source, imported in IMPORT.findall(code)
+        for name in re.findall(r"[\w.]+", imported)
+    }
 
 
 class OwnUnpickler(pickle.Unpickler):

@@ -1,5 +1,6 @@
 """Compiled kernels are cached on disk and recompiled when functions that they inline change."""
 
+import ast
 import importlib
 import os
 import pkgutil
@@ -126,6 +127,10 @@ def test_the_stamp_depends_on_all_files_that_a_kernel_imports(
         "from pursuit.rules.amounts import raised",
         "def f():\n    from pursuit.rules.amounts import raised",
         "from pursuit import rules",
+        "from pursuit.rules import (  # (the rules)\n    pay,\n    amounts as other,\n)",
+        "from pursuit.rules import pay, \\\n    amounts",
+        "import sys; import pursuit.rules.amounts",
+        "if True: from pursuit.rules import amounts",
     ],
 )
 def test_every_form_of_import_is_followed(
@@ -135,6 +140,19 @@ def test_every_form_of_import_is_followed(
     (package / "rules" / "__init__.py").write_text("from pursuit.rules import amounts\n")
     (package / "new.py").write_text(f"import numpy\nfrom scripted_agents.none import x\n{line}\n")
     assert package / "rules" / "amounts.py" in kernel_cache.imported_files(package / "new.py")
+
+
+def test_imports_are_those_of_the_parser() -> None:
+    for package in kernel_cache.PACKAGES:
+        for file in (kernel_cache.ROOT / package).rglob("*.py"):
+            names = set()
+            for node in ast.walk(ast.parse(file.read_text())):
+                if isinstance(node, ast.Import):
+                    names |= {each.name for each in node.names}
+                elif isinstance(node, ast.ImportFrom):
+                    names |= {f"{node.module}.{each.name}" for each in node.names}
+            ours = {name for name in names if name.split(".")[0] in kernel_cache.PACKAGES}
+            assert ours <= kernel_cache.imported_names(file), file
 
 
 def called_kernels(kernel: Dispatcher) -> Iterator[Dispatcher]:
