@@ -9,7 +9,6 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pursuit.reacher.simulator import ReacherSimulator
@@ -21,6 +20,7 @@ from pursuit.rendering.rendering import (
     WALL,
     WHITE,
     Color,
+    Drawable,
     draw_footer,
 )
 
@@ -37,7 +37,7 @@ TEXT_ROWS, TEXT_COLUMNS = 8, 16
 
 
 @dataclass(frozen=True)
-class ArmScene:
+class ArmScene(Drawable):
     """The data of a picture of one state of an arm.
 
     Args:
@@ -83,8 +83,8 @@ class ArmScene:
         held = f", held {self.held} / {self.hold}" if self.hold > 1 else ""
         return f"step {self.steps} / {self.max_steps}, distance {self.distance:.2f}{held}"
 
-    def draw(self, size: int = 480) -> NDArray[np.uint8]:
-        """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
+    def picture(self, size: int = 480) -> Image.Image:
+        """The picture in RGB; both sides are even numbers.
 
         The links are blue and thinner towards the tip, which is orange; the target is a yellow disc
         as wide as the tolerance, green while the tip is in reach; a faint circle is the rim, a
@@ -130,7 +130,7 @@ class ArmScene:
         picture = Image.new("RGB", (small.width, small.height + 2 * font_size), WHITE)
         picture.paste(small)
         draw_footer(picture, small.height, font_size, self.footer, self.caption)
-        return np.array(picture)
+        return picture
 
     def text(self) -> str:
         r"""The arm in 17 lines of 33 characters, then the footer, the angles and the caption.

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from pursuit.files import write_atomically
@@ -61,18 +60,18 @@ def save_animation(
     write_atomically(path, lambda partial: writers[suffix](partial, frames, fps))
 
 
-def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[NDArray[np.uint8]]:
-    shape: tuple[int, ...] | None = None
+def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[Image.Image]:
+    expected: tuple[int, int] | None = None
     for scene in scenes:
-        frame = scene.draw(size)
-        if shape is not None and frame.shape != shape:
+        frame = scene.picture(size)
+        if expected is not None and frame.size != expected:
             raise ValueError(
-                f"{path}: a picture of {frame.shape[1]}x{frame.shape[0]} after pictures of "
-                f"{shape[1]}x{shape[0]}; give scenes of mazes of the same height and width"
+                f"{path}: a picture of {frame.width}x{frame.height} after pictures of "
+                f"{expected[0]}x{expected[1]}; give scenes of mazes of the same height and width"
             )
-        shape = frame.shape
+        expected = frame.size
         yield frame
-    if shape is None:
+    if expected is None:
         raise ValueError(f"{path}: no scenes; an animation needs at least one")
 
 
@@ -95,11 +94,8 @@ def _palette() -> Image.Image:
     return palette
 
 
-def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
-    images = [
-        Image.fromarray(frame).quantize(palette=_palette(), dither=Image.Dither.NONE)
-        for frame in frames
-    ]
+def _write_gif(path: Path, frames: Iterator[Image.Image], fps: float) -> None:
+    images = [frame.quantize(palette=_palette(), dither=Image.Dither.NONE) for frame in frames]
     milliseconds = max(20, round(1000 / fps))
     durations = [milliseconds] * (len(images) - 1) + [max(1500, milliseconds)]
 
@@ -108,7 +104,7 @@ def _write_gif(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
     images[0].save(path, format="GIF", duration=durations, loop=0, **options)
 
 
-def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> None:
+def _write_mp4(path: Path, frames: Iterator[Image.Image], fps: float) -> None:
     try:
         ffmpeg = importlib.import_module("imageio_ffmpeg")
     except ImportError:
@@ -116,14 +112,13 @@ def _write_mp4(path: Path, frames: Iterator[NDArray[np.uint8]], fps: float) -> N
             f"{path.suffix} needs imageio-ffmpeg: pip install 'pursuit[render]', or write a .gif"
         ) from None
     last = next(frames)
-    height, width, _ = last.shape
     options = {"macro_block_size": 2, "quality": 8, "output_params": ["-f", "mp4"]}
-    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, **options)
+    writer = ffmpeg.write_frames(str(path), last.size, fps=fps, **options)
     writer.send(None)
     try:
         for frame in chain([last], frames):
-            writer.send(last := frame)
+            writer.send((last := frame).tobytes())
         for _ in range(math.ceil(1.5 * fps) - 1):
-            writer.send(last)
+            writer.send(last.tobytes())
     finally:
         writer.close()

@@ -47,9 +47,13 @@ MIN_TOKEN_PIXELS = 9
 class Drawable(Protocol):
     """A state of a game that windows and animations can render."""
 
-    def draw(self, size: int = 480) -> NDArray[np.uint8]:
-        """[height, width, 3] uint8, RGB; both sides are even numbers."""
+    def picture(self, size: int = 480) -> Image.Image:
+        """The picture in RGB; both sides are even numbers."""
         ...
+
+    def draw(self, size: int = 480) -> NDArray[np.uint8]:
+        """[height, width, 3] uint8, the same picture as an array."""
+        return np.array(self.picture(size))
 
     def text(self) -> str:
         """The scene as text."""
@@ -57,7 +61,7 @@ class Drawable(Protocol):
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(Drawable):
     """The data of a picture of one state of a game.
 
     Args:
@@ -97,7 +101,11 @@ class Scene:
         return f"step {self.steps} / {self.max_steps}"
 
     def draw(self, size: int = 480, cell_pixels: int | None = None) -> NDArray[np.uint8]:
-        """[height, width, 3] uint8, the picture in RGB; both sides are even numbers.
+        """[height, width, 3] uint8; as `picture`."""
+        return np.array(self.picture(size, cell_pixels))
+
+    def picture(self, size: int = 480, cell_pixels: int | None = None) -> Image.Image:
+        """The picture in RGB; both sides are even numbers.
 
         Chasers are orange triangles, evaders blue circles, runners green squares, goals yellow
         stars, exits green cells; captured agents are grey and crossed out, escaped ones grey.
@@ -127,7 +135,7 @@ class Scene:
         for token, x, y in _placed_tokens(self, layout):
             image.paste(token, (x, y), token)
         draw_footer(image, layout.height, layout.font_size, self.footer, self.caption)
-        return np.array(image)
+        return image
 
     def _draw_overlay(self, pen: ImageDraw.ImageDraw, layout: _Layout) -> None:
         """Draw values, trails and moves."""

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from textwrap import wrap
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from pursuit.rendering.rendering import MARGIN, WALL, WHITE, draw_footer, font_of
+from pursuit.rendering.rendering import MARGIN, WALL, WHITE, Drawable, draw_footer, font_of
 from pursuit.simulator.batch import Batch
 
 WIDEST = 60
@@ -20,7 +18,7 @@ FONT, FOOTER = 15, 36
 
 
 @dataclass(frozen=True)
-class TextScene:
+class TextScene(Drawable):
     """One state of a game as text.
 
     Attributes:
@@ -43,8 +41,8 @@ class TextScene:
         """The state, then the step count."""
         return f"{self.shown.rstrip()}\n{self.footer}\n"
 
-    def draw(self, size: int = 480) -> NDArray[np.uint8]:
-        """[height, width, 3] uint8, the text in RGB, in columns of equal width.
+    def picture(self, size: int = 480) -> Image.Image:
+        """The text in columns of equal width; both sides are even numbers.
 
         Lines of more than `WIDEST` letters are broken. All pictures of one size are equally large.
         """
@@ -60,7 +58,7 @@ class TextScene:
                 x, y = 0.6 * height * (column + 0.5), 1.2 * height * (row + 0.5)
                 pen.text((MARGIN + x, MARGIN + y), letter, WALL, font, anchor="mm")
         draw_footer(image, side, FONT, self.footer, self.caption)
-        return np.array(image)
+        return image
 
 
 def text_scene(simulator: Batch[Any], game: int, text: str) -> TextScene:

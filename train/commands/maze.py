@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from PIL import Image
 
 from pursuit.files import write_atomically
 from pursuit.mazes.generation import generate_graph, generate_maze
@@ -98,7 +97,7 @@ def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S, G and E."""
     if path.suffix == ".png":
         scene = Scene(maze, (), maze.goal_marks, 0, 0, exits=maze.exit_marks)
-        picture = Image.fromarray(scene.draw())
+        picture = scene.picture()
         write_atomically(path, lambda beside: picture.save(beside, format="png"))
         return
     height, width = (0.5 * side + 0.3 for side in maze.picture_size)

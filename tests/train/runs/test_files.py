@@ -58,14 +58,14 @@ def test_locking_a_folder_removes_temporary_files_of_ended_processes(tmp_path):
 
 KILLED = """
 import os, signal, sys
-import numpy as np
 import gymnasium
 import pursuit
+from PIL import Image
 from pursuit.rendering.animation import save_animation
 
 class Still:
-    def draw(self, size):
-        return np.zeros((64, 64, 3), dtype=np.uint8)
+    def picture(self, size):
+        return Image.new("RGB", (64, 64))
 
 path = sys.argv[1]
 replace = os.replace
