@@ -267,6 +267,21 @@ print("numba" in sys.modules)
     assert run(code) == "[]\nTrue\n"
 
 
+def test_names_of_solvers_load_what_they_need() -> None:
+    """The solvers of all games take half a second; most commands need few of them."""
+    code = """
+import sys, scripted_agents
+from scripted_agents import games
+print(sorted({"numba", "scipy"} & {*sys.modules}))
+scripted_agents.least_steps, games.respond
+print("scripted_agents.exact.arm.least_steps" in sys.modules)
+print("scripted_agents.exact.populations" in sys.modules)
+for name in (*scripted_agents.__all__, *games.__all__):
+    getattr(scripted_agents if name in scripted_agents.__all__ else games, name)
+"""
+    assert run(code) == "[]\nTrue\nFalse\n"
+
+
 def test_a_missing_name_is_said() -> None:
     code = "import pursuit\ntry: pursuit.Maize\nexcept AttributeError as error: print(error)"
     assert run(code) == "No pursuit attribute Maize\n"
