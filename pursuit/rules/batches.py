@@ -72,7 +72,7 @@ from pursuit.rules.layout import (
 from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import Start, start
 from pursuit.rules.step import step
-from pursuit.rules.turn import turn_of
+from pursuit.rules.turn import goals_of_game, turn_of
 
 MOST_KNOWN = 8
 """The largest number of chasers or evaders for which constant team sizes are compiled."""
@@ -95,7 +95,9 @@ def keep_final(memory: Memory, game: int, teams: Teams, num_exits: int) -> None:
 
 
 @inlined
-def start_game(memory: Memory, game: int, rules: StartRules, world: World, scratch: Ints) -> None:
+def start_game(
+    memory: Memory, goals: Any, game: int, rules: StartRules, world: World, scratch: Ints
+) -> None:
     """Start an episode of one game with its pending settings."""
     reals = memory.reals
     for agent in agents_of(rules.teams):
@@ -110,7 +112,7 @@ def start_game(memory: Memory, game: int, rules: StartRules, world: World, scrat
         memory.agents[game], memory.goals[game], memory.clocks[game], memory.streams[game],
         memory.pending[:, game], rules, world, search_of(scratch),
     )  # fmt: skip
-    start(own)
+    start(own, goals)
 
 
 def finish_for(options_in: Any) -> Any:
@@ -118,7 +120,7 @@ def finish_for(options_in: Any) -> Any:
 
     @subroutine
     def finish_episodes(
-        memory: Memory, numbers: Longs, world: World, scratch: Ints, mode: int
+        memory: Memory, goals: Any, numbers: Longs, world: World, scratch: Ints, mode: int
     ) -> None:
         """Copy the last state of games that ended, and restart them with RESTART; with START only
         start the games that are to start now."""
@@ -133,7 +135,7 @@ def finish_for(options_in: Any) -> Any:
                 keep_final(memory, game, rules.teams, rules.exits)
                 begins = mode == RESTART
             if begins:
-                start_game(memory, game, rules, world, scratch)
+                start_game(memory, goals, game, rules, world, scratch)
 
     return finish_episodes
 
@@ -188,8 +190,8 @@ def step_each_by(step_once: Any) -> Any:
 
     @inlined
     def step_each(
-        memory: Memory, actions: Ints, rules: StepRules, world: World, scratch: Ints,
-        skip_ended: bool,
+        memory: Memory, goals: Any, actions: Ints, rules: StepRules, world: World,
+        scratch: Ints, skip_ended: bool,
     ) -> None:  # fmt: skip
         """Step every game, or every game that has not ended if `skip_ended`."""
         by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
@@ -200,7 +202,10 @@ def step_each_by(step_once: Any) -> Any:
                     memory.rewards[game, agent] = 0.0
                 continue
             turn = turn_of(memory, game, rules, world, scratch)
-            end = step_once(turn, actions[game], memory.streams[game], memory.rewards[game])
+            end = step_once(
+                turn, goals_of_game(memory, game, goals), actions[game], memory.streams[game],
+                memory.rewards[game],
+            )  # fmt: skip
             by_rule[game], by_time[game] = end == TERMINATED, end == TRUNCATED
 
     return step_each
@@ -244,32 +249,34 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
             return BAD_ACTION
         if plain and not fits(memory, actions, teams):
             return BAD_ACTION
-        if plain:  # a constant: only one side is compiled
+        # Conditions on constants: only one side is compiled.
+        own_goals = None if goals == 0 else memory.goals
+        skip_ended = mode == NO_RESTART
+        if plain:
             if mode != START:
-                step_each_plainly(memory, actions, rules, world, scratch, mode == NO_RESTART)
-            finish_plainly(memory, numbers, world, scratch, mode)
+                step_each_plainly(memory, own_goals, actions, rules, world, scratch, skip_ended)
+            finish_plainly(memory, own_goals, numbers, world, scratch, mode)
         else:
             if mode != START:
-                step_each_with_options(memory, actions, rules, world, scratch, mode == NO_RESTART)
-            finish_with_options(memory, numbers, world, scratch, mode)
+                step_each_with_options(
+                    memory, own_goals, actions, rules, world, scratch, skip_ended
+                )
+            finish_with_options(memory, own_goals, numbers, world, scratch, mode)
         return OK
 
     return step_games
 
 
-step_any = entry_for(-1, -1, -1, -1, True)
-step_lone_runners = entry_for(0, 0, 1, -1, True)
-step_any_with_options = entry_for(-1, -1, -1, -1, False)
-
-
 def step_games_of(teams: Teams, options: Options) -> Any:
     """The fastest step function for these teams and options, compiled on its first call."""
+    goals = 0 if teams.goals == 0 else -1
     if options != PLAIN:
-        return step_any_with_options
+        return entry_for(-1, -1, -1, goals, False)
     if teams[:3] == (0, 0, 1):
-        return step_lone_runners
+        return entry_for(0, 0, 1, -1, True)
     small = 0 < teams.chasers <= MOST_KNOWN and 0 < teams.evaders <= MOST_KNOWN
-    return entry_for(*teams, True) if small and teams[2:] == (0, 0) else step_any
+    known = small and teams[2:] == (0, 0)
+    return entry_for(*teams, True) if known else entry_for(-1, -1, -1, goals, True)
 
 
 def start_games(step_games: Any, arrays: Sequence[Any], chosen: Flags) -> None:

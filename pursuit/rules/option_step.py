@@ -35,11 +35,13 @@ from pursuit.rules.randomness import draw_action
 from pursuit.rules.starts import is_exit
 from pursuit.rules.step import settle
 from pursuit.rules.step_rewards import Earned
-from pursuit.rules.turn import Turn, destination, is_free, meets_evader
+from pursuit.rules.turn import Goals, Turn, destination, is_free, meets_evader
 
 
 @inlined
-def step_with_options(turn: Turn, actions: Ints, streams: Words, rewards: Earned) -> int:
+def step_with_options(
+    turn: Turn, goals: Goals, actions: Ints, streams: Words, rewards: Earned
+) -> int:
     """Step one game; arguments and result as of `step.step`. Slips are drawn from their stream."""
     rules, plan = turn.rules, turn.plan
     options, chasers = rules.options, rules.teams.chasers
@@ -75,7 +77,7 @@ def step_with_options(turn: Turn, actions: Ints, streams: Words, rewards: Earned
         ):
             plan[CAPTORS, evader] = -1
             num_escaped += 1
-    return settle(turn, rewards, num_captured, num_escaped)
+    return settle(turn, goals, rewards, num_captured, num_escaped)
 
 
 @inlined

@@ -7,7 +7,7 @@ rejects limits that are satisfied too rarely.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,8 +72,8 @@ class Start(NamedTuple):
 
 
 @inlined
-def start(own: Start) -> None:
-    """Start an episode: choose the maze, place agents and goals."""
+def start(own: Start, goals: Any) -> None:
+    """Start an episode: choose the maze, place agents and, unless `goals` is None, goals."""
     teams = own.rules.teams
     next_word(own.streams, team_stream(teams.chasers + teams.evaders + teams.runners))
     own.clocks[MAZE] = choose_maze(own.pending[NEXT_MAZE], own.streams, own.world.mazes.shape[1])
@@ -84,7 +84,7 @@ def start(own: Start) -> None:
     place_agents(own)
     while not starts_apart(own) or starts_on_exit(own):
         place_agents(own)
-    if teams.goals > 0:
+    if goals is not None:
         place_goals(own)
 
 

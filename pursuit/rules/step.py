@@ -26,7 +26,6 @@ from pursuit.rules.layout import (
     CAPTORS,
     CAUGHT,
     COLLECTED_GOALS,
-    GOAL,
     GOING_ON,
     POSITION,
     RETURNS,
@@ -53,6 +52,7 @@ from pursuit.rules.step_rewards import (
     add_touch_rewards,
 )
 from pursuit.rules.turn import (
+    Goals,
     Turn,
     destination,
     is_free,
@@ -62,7 +62,7 @@ from pursuit.rules.turn import (
 
 
 @inlined
-def step(turn: Turn, actions: Ints, streams: Words, rewards: Earned) -> int:
+def step(turn: Turn, goals: Goals, actions: Ints, streams: Words, rewards: Earned) -> int:
     """Step one game; return GOING_ON, TERMINATED or TRUNCATED.
 
     `actions`, `streams` and `rewards`, which are written, are those of the game; nothing is drawn.
@@ -76,34 +76,32 @@ def step(turn: Turn, actions: Ints, streams: Words, rewards: Earned) -> int:
         plan[AFTER, evader] = destination(turn, evader, action)
     for runner in runners_of(teams):
         plan[AFTER, runner] = destination(turn, runner, actions[runner])
-    return settle(turn, rewards, decide_captures(turn), 0)
+    return settle(turn, goals, rewards, decide_captures(turn), 0)
 
 
 @inlined
-def settle(turn: Turn, rewards: Earned, num_captured: int, num_escaped: int) -> int:
+def settle(turn: Turn, goals: Goals, rewards: Earned, num_captured: int, num_escaped: int) -> int:
     """Collect goals, write rewards and the new state, given the decisions on moves, captures and
     escapes; return as `step`."""
     rules, plan = turn.rules, turn.plan
     teams, steps = rules.teams, turn.clocks[STEPS] + 1
-    collected, goals_left = decide_goals(turn)
+    collected, goals_left = decide_goals(turn, goals)
     all_collected = collected > 0 and goals_left == 0
     end = ended(turn, num_captured + num_escaped, all_collected, steps)
 
     # A round of turns has two steps; its second one pays the step rewards.
     pays = not rules.options.turns or (steps & 1) == 0
-    add_step_rewards(turn, rewards, pays)
+    add_step_rewards(turn, goals, rewards, pays)
     if num_captured > 0:
         add_capture_rewards(turn, rewards, num_captured, end)
     if num_escaped > 0:
         add_escape_rewards(turn, rewards, end)
-    if collected > 0:
-        add_goal_rewards(turn, rewards, end)
     if rules.chaser.per_evader != 0.0:
-        add_per_evader_rewards(turn, rewards, pays)
+        add_per_evader_rewards(turn, goals, rewards, pays)
     if rules.options.touches and (not rules.options.turns or (steps & 1) == 1):
         add_touch_rewards(turn, rewards)
     if collected > 0:
-        count_goals(turn)
+        collect_goals(turn, goals, rewards, end)
     for agent in agents_of(teams):
         turn.agents[POSITION, agent] = plan[AFTER, agent]
         turn.reals[RETURNS, agent] += rewards[agent]
@@ -113,10 +111,6 @@ def settle(turn: Turn, rewards: Earned, num_captured: int, num_escaped: int) -> 
         for evader in evaders_of(teams):
             if plan[CAPTORS, evader] < 0:
                 turn.agents[ACTIVE, evader] = 0
-    if collected > 0:
-        for goal in goals_of(teams):
-            if plan[TAKERS, goal] > 0:
-                turn.goals[GOAL, goal] = -1
     turn.clocks[STEPS] = steps
     return end
 
@@ -155,12 +149,14 @@ def decide_captures(turn: Turn) -> int:
 
 
 @inlined
-def decide_goals(turn: Turn) -> tuple[int, int]:
+def decide_goals(turn: Turn, goals: Goals) -> tuple[int, int]:
     """Count the agents on every goal; return the numbers of goals collected and left."""
     teams, plan = turn.rules.teams, turn.plan
     collected = left = 0
+    if goals is None:
+        return collected, left
     for goal in goals_of(teams):
-        takers, cell = 0, turn.goals[GOAL, goal]
+        takers, cell = 0, goals[goal]
         if cell >= 0:
             for agent in collectors_of(teams):
                 takers += (plan[AFTER, agent] == cell) & may_collect(turn, agent)
@@ -186,11 +182,16 @@ def ended(turn: Turn, num_gone: int, all_collected: bool, steps: int) -> int:
 
 
 @inlined
-def count_goals(turn: Turn) -> None:
-    """Add the goals of this step to the goals collected by each agent; shared goals in parts."""
+def collect_goals(turn: Turn, goals: Goals, rewards: Earned, end: int) -> None:
+    """Write the rewards and events of the agents that collect goals, add the goals to those
+    collected by each agent, shared ones in parts, and remove them."""
+    if goals is None:
+        return
+    add_goal_rewards(turn, goals, rewards, end)
     plan = turn.plan
     for goal in goals_of(turn.rules.teams):
-        for agent in collectors_of(turn.rules.teams):
-            here = plan[AFTER, agent] == turn.goals[GOAL, goal]
-            if plan[TAKERS, goal] > 0 and here and may_collect(turn, agent):
-                turn.reals[COLLECTED_GOALS, agent] += 1.0 / plan[TAKERS, goal]
+        if plan[TAKERS, goal] > 0:
+            for agent in collectors_of(turn.rules.teams):
+                if plan[AFTER, agent] == goals[goal] and may_collect(turn, agent):
+                    turn.reals[COLLECTED_GOALS, agent] += 1.0 / plan[TAKERS, goal]
+            goals[goal] = -1

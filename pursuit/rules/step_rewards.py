@@ -19,7 +19,6 @@ from pursuit.rules.layout import (
     COLLECTED,
     ESCAPED,
     EVENT,
-    GOAL,
     POSITION,
     TAKERS,
     TERMINATED,
@@ -30,14 +29,14 @@ from pursuit.rules.layout import (
     goals_of,
     runners_of,
 )
-from pursuit.rules.turn import Turn, is_free, leads_to, meets_evader
+from pursuit.rules.turn import Goals, Turn, is_free, leads_to, meets_evader
 
 Earned: TypeAlias = NDArray[np.floating]
 """[agents] the rewards of a game: float32; float64 in exact solvers."""
 
 
 @inlined
-def add_step_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
+def add_step_rewards(turn: Turn, goals: Goals, rewards: Earned, pays: bool) -> None:
     """Write the step reward of every agent; 0 for captured evaders, and of all unless `pays`."""
     rules, agents = turn.rules, turn.agents
     for chaser in chasers_of(rules.teams):
@@ -48,7 +47,7 @@ def add_step_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
         earns = pays and is_free(agents, evader) != 0
         write_step_reward(rules.evader, away, earns, agents, rewards, evader)
     for runner in runners_of(rules.teams):
-        away = nearest_goal(turn, runner) if rules.runner.distance != 0.0 else 0
+        away = nearest_goal(turn, goals, runner) if rules.runner.distance != 0.0 else 0
         write_step_reward(rules.runner, away, pays, agents, rewards, runner)
 
 
@@ -111,29 +110,29 @@ def add_escape_rewards(turn: Turn, rewards: Earned, end: int) -> None:
 
 
 @inlined
-def add_goal_rewards(turn: Turn, rewards: Earned, end: int) -> None:
+def add_goal_rewards(turn: Turn, goals: Ints, rewards: Earned, end: int) -> None:
     """Replace the step reward of the agents that collect a goal, and write their events."""
     rules = turn.rules
     for evader in evaders_of(rules.teams):
         if turn.agents[ACTIVE, evader] != 0 and turn.plan[CAPTORS, evader] == 0:
-            add_goal_reward(turn, rewards, evader, rules.evader, end)
+            add_goal_reward(turn, goals, rewards, evader, rules.evader, end)
     for runner in runners_of(rules.teams):
-        add_goal_reward(turn, rewards, runner, rules.runner, end)
+        add_goal_reward(turn, goals, rewards, runner, rules.runner, end)
 
 
 @inlined
 def add_goal_reward(
-    turn: Turn, rewards: Earned, agent: int, coefficients: RewardCoefficients, end: int
+    turn: Turn, goals: Ints, rewards: Earned, agent: int, coefficients: RewardCoefficients, end: int
 ) -> None:
     """`add_goal_rewards` for one agent."""
-    event, earned = goals_taken_by(turn, rewards, agent, coefficients.goal)
+    event, earned = goals_taken_by(turn, goals, rewards, agent, coefficients.goal)
     turn.agents[EVENT, agent] = event
     if not pays_step(coefficients, event, end):
         rewards[agent] = earned
 
 
 @inlined
-def add_per_evader_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
+def add_per_evader_rewards(turn: Turn, goals: Goals, rewards: Earned, pays: bool) -> None:
     """Write the reward of every chaser as a sum over the evaders free before the step."""
     teams, coefficients, real = turn.rules.teams, turn.rules.chaser, rewards.dtype.type
     total = real(0.0)
@@ -144,7 +143,7 @@ def add_per_evader_rewards(turn: Turn, rewards: Earned, pays: bool) -> None:
             elif turn.plan[CAPTORS, evader] < 0:
                 earned = real(coefficients.escape)
             else:
-                event, earned = goals_taken_by(turn, rewards, evader, coefficients.goal)
+                event, earned = goals_taken_by(turn, goals, rewards, evader, coefficients.goal)
                 earned = earned if event != 0 else real(coefficients.step if pays else 0.0)
             total = real(total + earned)
     for chaser in chasers_of(teams):
@@ -172,12 +171,16 @@ def add_touch_rewards(turn: Turn, rewards: Earned) -> None:
 
 
 @inlined
-def goals_taken_by(turn: Turn, rewards: Earned, agent: int, worth: float) -> tuple[int, float]:
+def goals_taken_by(
+    turn: Turn, goals: Goals, rewards: Earned, agent: int, worth: float
+) -> tuple[int, float]:
     """The event and reward of a collector; agents on one goal share its `worth` equally."""
     plan, real = turn.plan, rewards.dtype.type
     event, earned = 0, real(0.0)
+    if goals is None:
+        return event, earned
     for number in goals_of(turn.rules.teams):
-        if plan[TAKERS, number] > 0 and turn.goals[GOAL, number] == plan[AFTER, agent]:
+        if plan[TAKERS, number] > 0 and goals[number] == plan[AFTER, agent]:
             event = COLLECTED
             earned = real(earned + worth / plan[TAKERS, number])
     return event, earned
@@ -203,11 +206,13 @@ def nearest_chaser(turn: Turn, evader: int) -> int:
 
 
 @inlined
-def nearest_goal(turn: Turn, runner: int) -> int:
+def nearest_goal(turn: Turn, goals: Goals, runner: int) -> int:
     """The Manhattan distance to the nearest goal that is left; 0 if there is none."""
     plan, nearest = turn.plan, -1
+    if goals is None:
+        return 0
     for goal in goals_of(turn.rules.teams):
-        cell = turn.goals[GOAL, goal]
+        cell = goals[goal]
         if cell >= 0 and plan[TAKERS, goal] == 0:
             nearest = nearer(nearest, distance(turn, runner, cell))
     return max(nearest, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pursuit.rules.layout import (
     AFTER,
     CAPTORS,
     FIRST_CELL,
+    GOAL,
     MAZE,
     MOVES,
     POSITION,
@@ -35,13 +36,12 @@ def legal_moves(world: World, maze: int, cell: int) -> int:
 class Turn(NamedTuple):
     """One game of a batch in a step.
 
-    agents, goals, clocks, reals: the rows of the game in those of `Memory`. neighbors, facts: those
-    of `World`, in which the cells of the game's maze begin at `first_cell`. plan: the scratch
+    agents, clocks, reals: the rows of the game in those of `Memory`. neighbors, facts: those of
+    `World`, in which the cells of the game's maze begin at `first_cell`. plan: the scratch
     memory of the step, see `layout.scratch_for`.
     """
 
     agents: Ints
-    goals: Ints
     clocks: Ints
     reals: Reals
     rules: StepRules
@@ -51,11 +51,24 @@ class Turn(NamedTuple):
     plan: Ints
 
 
+Goals: TypeAlias = Ints | None
+"""[goals] the cells of the goals of a game; None for tasks without goals: the compiler then removes
+what is about goals."""
+
+
+@inlined
+def goals_of_game(memory: Memory, game: int, goals: Goals) -> Goals:
+    """The cells of the goals of a game; None if the goals of the batch are None."""
+    if goals is None:
+        return None
+    return memory.goals[game, GOAL]
+
+
 @inlined
 def turn_of(memory: Memory, game: int, rules: StepRules, world: World, plan: Ints) -> Turn:
     """The step of one game of a batch."""
     return Turn(
-        memory.agents[game], memory.goals[game], memory.clocks[game], memory.reals[game],
+        memory.agents[game], memory.clocks[game], memory.reals[game],
         rules, world.neighbors, world.facts,
         world.mazes[FIRST_CELL, memory.clocks[game, MAZE]], plan,
     )  # fmt: skip

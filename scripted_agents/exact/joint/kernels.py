@@ -283,9 +283,9 @@ def expand_by(step_once: Any) -> Any:
 
     @inlined
     def expand(
-        games: Games, rules: StepRules, world: World, memory: layout.Memory, scratch: Any,
-        numbering: Numbering, players: Players, quantities: Quantities, work: Workspace,
-        store: Store, state: int,
+        games: Games, goals: Any, rules: StepRules, world: World, memory: layout.Memory,
+        scratch: Any, numbering: Numbering, players: Players, quantities: Quantities,
+        work: Workspace, store: Store, state: int,
     ) -> None:  # fmt: skip
         """Store the transitions of the current state of the game.
 
@@ -334,7 +334,7 @@ def expand_by(step_once: Any) -> Any:
                 )
                 pick_next(work, players.deciding, all_players)
                 restore_game(games, rules, work, steps)
-                end = step_once(turn, work.actions[0], memory.streams[0], memory.rewards[0])
+                end = step_once(turn, goals, work.actions[0], memory.streams[0], memory.rewards[0])
                 ended = end == layout.TERMINATED
                 following = int(np.int64(-1))
                 if not ended:
@@ -363,9 +363,9 @@ def options_without_slips(numbers: Any) -> layout.Options:
     )  # fmt: skip
 
 
-def entry_for(duel: bool, plain: bool) -> Any:
-    """The kernel that fills a store: of duels, of games without options of the rules (`plain`), or
-    of any games. Teams that the compiler knows halve its time."""
+def entry_for(duel: bool, has_goals: bool, plain: bool) -> Any:
+    """The kernel that fills a store: of duels, of games with or without goals, and without options
+    of the rules (`plain`) or with any. Teams that the compiler knows halve its time."""
 
     @compiled
     def fill_store(
@@ -377,6 +377,8 @@ def entry_for(duel: bool, plain: bool) -> Any:
         teams = Teams(1, 1, 0, 0) if duel else layout.teams_of(numbers)
         options = layout.PLAIN if plain else options_without_slips(numbers)
         games = layout.games_of(memory)
+        # Conditions on constants: only one side is compiled.
+        goals = memory.goals[0, layout.GOAL] if has_goals else None
         rules = layout.step_rules_of(teams, numbers, coefficients, options)
         group = 0
         for state in range(first, last):
@@ -384,21 +386,24 @@ def entry_for(duel: bool, plain: bool) -> Any:
                 continue
             group = group_at(state, group, numbering)
             write_state(games, 0, state, group, teams, int(world.mazes[NUM_CELLS, 0]), numbering)
-            if plain:  # a constant: only one side is compiled
+            if plain:
                 expand_plainly(
-                    games, rules, world, memory, scratch, numbering, players, quantities, work,
-                    store, state,
+                    games, goals, rules, world, memory, scratch, numbering, players, quantities,
+                    work, store, state,
                 )  # fmt: skip
             else:
                 expand_with_options(
-                    games, rules, world, memory, scratch, numbering, players, quantities, work,
-                    store, state,
+                    games, goals, rules, world, memory, scratch, numbering, players, quantities,
+                    work, store, state,
                 )  # fmt: skip
 
     return fill_store
 
 
-FILL_STORE = {
-    (duel, plain): entry_for(duel, plain)
-    for duel, plain in ((True, True), (False, True), (False, False))
+DUEL = (True, False, True)
+FILL_STORE = {DUEL: entry_for(*DUEL)} | {
+    (False, has_goals, plain): entry_for(False, has_goals, plain)
+    for has_goals in (False, True)
+    for plain in (False, True)
 }
+"""By whether games are plain duels, whether they have goals, and whether they are plain."""

@@ -284,7 +284,7 @@ def filled_store(problem: Problem, wanted: NDArray[np.bool_] | None = None) -> S
         memory = layout.allocate(1, task.num_agents, task.num_goals, task.most_exits)
         memory = memory._replace(rewards=memory.rewards.astype(np.float64))
         own = bounds[number], bounds[number + 1]
-        kind = task.is_duel, task.options == layout.PLAIN
+        kind = task.is_duel, task.num_goals > 0, task.options == layout.PLAIN
         FILL_STORE[kind](memory, *problem.for_kernels(), problem.workspace(), store, *own)
 
     with ThreadPoolExecutor(threads) as pool:

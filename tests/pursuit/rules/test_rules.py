@@ -387,7 +387,9 @@ def test_rewards_per_evader_are_for_chasers_and_for_events_at_once() -> None:
 
 def step_as_any_task(simulator: Simulator, actions: NDArray[np.int32]) -> None:
     """One step by the rules compiled for any teams."""
-    done = batches.step_any(*simulator._kernel_arrays, actions, simulator.auto_restart)
+    step_any = batches.entry_for(-1, -1, -1, -1, True)
+    mode = layout.RESTART if simulator.auto_restart else layout.NO_RESTART
+    done = step_any(*simulator._kernel_arrays, actions, mode)
     assert done == layout.OK
 
 
