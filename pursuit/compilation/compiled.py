@@ -149,34 +149,60 @@ class _PartCompiler(Compiler):
         return found._replace(entry_point=entry)
 
 
+USUAL = (
+    {
+        "all_distances": 0.3, "step_games": 4.5, "fill_greedy_table": 0.6, "choose_actions": 1.2,
+        "list_entities": 0.4, "draw_actions": 0.4, "below_heads": 0.2, "clipped_loss": 0.6,
+        "first_layer_gradient": 0.2, "evaluate_rows": 0.4, "respond_rows": 1.1, "choose": 0.4,
+    },
+    {"fill_store": 5.0, "fill_games": 0.6, "fill_numbers": 0.4, "sweep": 1.1},
+)  # fmt: skip
+"""Kernels that take long to compile, and how many seconds on an AMD EPYC of 2.6 GHz: those of a
+first training, and those of exact solutions with options of the rules or several agents."""
+
+
 class Announcer(event.Listener):
-    """Prints a message to stderr at the first compilation of a kernel.
+    """Prints to stderr, before a group of `USUAL` kernels is compiled, the seconds that it takes.
 
     It also pauses Python's garbage collection during compilation, which takes a tenth of the time.
 
     Attributes:
         spent: seconds of compilation so far, by clock.
+        names: of the compiled kernels.
     """
 
     def __init__(self) -> None:
         self.depth = 0
         self.spent = dict.fromkeys(CLOCKS, 0.0)
         self.began = dict(self.spent)
-        self.collects = self.announced = False
+        self.names: set[str] = set()
+        self.collects = False
 
     def on_start(self, event: Any) -> None:
         """Called when Numba starts to compile (not when it loads from the cache)."""
         self.depth += 1
-        if self.depth == 1:
-            self.began = {name: clock() for name, clock in CLOCKS.items()}
-            self.collects = gc.isenabled()
-            gc.disable()
-        if not self.announced and is_ours(event.data["dispatcher"].py_func.__module__):
-            self.announced = True
+        if self.depth > 1:
+            return
+        self.began = {name: clock() for name, clock in CLOCKS.items()}
+        self.collects = gc.isenabled()
+        gc.disable()
+        function = event.data["dispatcher"].py_func
+        if not is_ours(function.__module__):
+            return
+        number = next((at for at, group in enumerate(USUAL) if function.__name__ in group), 0)
+        if not self.names or not (self.names & {*USUAL[number]} or number == 0):
+            left = sum(each for name, each in USUAL[number].items() if name not in self.names)
             print(
-                "pursuit: compiling kernels (once per machine and kind of game), some seconds ...",
+                "pursuit: compiling kernels (once per machine and kind of game), about "
+                f"{left * self.slowness():.0f} s remain ...",
                 file=sys.stderr,
             )
+        self.names.add(function.__name__)
+
+    def slowness(self) -> float:
+        """The time of compilation so far as a multiple of that in `USUAL`; 1 at the beginning."""
+        usual = sum(group[name] for group in USUAL for name in self.names & {*group})
+        return self.spent["wall"] / usual if usual > 1.0 else 1.0
 
     def on_end(self, event: Any) -> None:
         """Called after compilation."""

@@ -48,7 +48,9 @@ from pursuit.compilation.compiled import subroutine
 def raised(paid):
     return paid + {reward}
 """
-ANNOUNCEMENT = "pursuit: compiling kernels (once per machine and kind of game), some seconds ...\n"
+ANNOUNCEMENT = (
+    "pursuit: compiling kernels (once per machine and kind of game), about 10 s remain ...\n"
+)
 
 
 @pytest.fixture
