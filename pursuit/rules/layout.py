@@ -11,9 +11,9 @@ Agent indices (seats) are ordered by role. Shapes for N games of A agents and G 
     streams [N, 1 + A + 1]: starts, seats, teams; one more of slips in tasks with slips
 
 Each array argument of a compiled function costs time at every call, so arrays of the same shape are
-stacked in one (`Memory`). The functions at the end return named views of the layers; the rules then
-read `games.position[game, agent]`. They also run uncompiled: the `Simulator` uses them for the
-views of the same memory.
+stacked in one (`Memory`). The rules read `turn.agents[POSITION, agent]`, in the rows of one game.
+`games_of` and its like return named views of the layers, `games.position[game, agent]`, for the
+`Simulator`, observations and policies.
 """
 
 from __future__ import annotations

@@ -52,8 +52,8 @@ class Turn(NamedTuple):
 
 
 Goals: TypeAlias = Ints | None
-"""[goals] the cells of the goals of a game; None for tasks without goals: the compiler then removes
-what is about goals."""
+"""[goals] the cells of the goals of a game; None where the compiler is to leave out the rules of
+goals, which take a sixth of the time of compilation."""
 
 
 @inlined

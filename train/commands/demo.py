@@ -54,10 +54,8 @@ def demo(arguments: Sequence[str]) -> None:
     evader = AStarEvader(epsilon=0.2)
     task = make_task("chase", maze="9x9")
     contest = GameContest(task, "chaser_0", {"evader": evader}, EPISODES, SEED)
-    policy, path = (
-        contest.scripted(),
-        out or Path("runs") / f"demo-{strftime('%Y%m%d-%H%M%S')}.html",
-    )
+    policy = contest.scripted()
+    path = out or Path("runs") / f"demo-{strftime('%Y%m%d-%H%M%S')}.html"
     path.parent.mkdir(exist_ok=True)
     if path.suffix.lower() == ".html" and (out or has_screen()):
         builder = Builder()
