@@ -20,7 +20,10 @@ CORE = ("pursuit/rules/test_rules.py", "scripted_agents/exact/duel/test_best_res
 def lower_ends() -> list[str]:
     """name==version of what the default installation asks for at least; torch stays as it is."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    ends = [re.fullmatch(r"([\w-]+)>=([\w.]+)(,<\d+)?", each) for each in project["dependencies"]]
+    ends = [
+        re.fullmatch(r"([\w-]+)>=([\w.]+)(,<\d+)?(; python_version.*)?", each)
+        for each in project["dependencies"]
+    ]
     assert all(ends), "every dependency has a lower end"
     found = {end[1]: end[2] for end in ends if end}
     del found["torch"]  # gigabytes

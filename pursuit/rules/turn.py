@@ -53,7 +53,7 @@ class Turn(NamedTuple):
 
 Goals: TypeAlias = Ints | None
 """[goals] the cells of the goals of a game; None where the compiler is to leave out the rules of
-goals, which take a sixth of the time of compilation."""
+goals, which take long to compile."""
 
 
 @inlined

@@ -190,7 +190,7 @@ def test_every_example_of_the_help_is_valid(
         main([name, *shlex.split(COMMANDS[name])])
     main(["--help"])
     said = capsys.readouterr().out
-    assert f"pursuit {name} {COMMANDS[name]}" in said
+    assert f"pursuit {name} {COMMANDS[name]}".rstrip() in said
     assert max(map(len, said.splitlines())) <= 100
 
 
