@@ -14,13 +14,17 @@ import lazy_loader
 
 from pursuit.siblings import SecondName
 
-_named, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_named, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 _former = {each.name for each in pkgutil.iter_modules([f"{__path__[0]}/exact"])}
 _modules = _former | {each.name for each in pkgutil.iter_modules(__path__)}
 
 
 def __getattr__(name: str) -> Any:
     return import_module(f"{__name__}.{name}") if name in _modules else _named(name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_modules})
 
 
 class FormerNames:

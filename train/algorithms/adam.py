@@ -12,6 +12,7 @@ from train.tensors import StateDict
 
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 """The state of a weight: the number of steps, and the means of gradients and their squares."""
+OPTIONS = ("lr", "betas", "eps")
 CONSTANT = {
     "weight_decay": 0,
     "amsgrad": False,
@@ -38,7 +39,8 @@ class Adam:
         eps: is added to the root of the latter.
 
     Attributes:
-        weights, lr, betas, eps: the arguments.
+        param_groups: as of torch's optimisers, one group with the arguments; "lr", "betas" and
+            "eps" may be changed.
         state: the `MOMENTS` by the index of each weight that has had a gradient.
     """
 
@@ -49,8 +51,15 @@ class Adam:
         betas: tuple[float, float] = (0.9, 0.999),
         eps: float = 1e-8,
     ) -> None:
-        self.weights, self.lr, self.betas, self.eps = list(weights), lr, betas, eps
+        group = {"params": list(weights), "lr": lr, "betas": betas, "eps": eps}
+        self.param_groups: list[dict[str, Any]] = [group]
         self.state: dict[int, dict[str, torch.Tensor]] = {}
+
+    @property
+    def weights(self) -> list[torch.Tensor]:
+        """The weights that it learns."""
+        weights: list[torch.Tensor] = self.param_groups[0]["params"]
+        return weights
 
     def zero_grad(self) -> None:
         """Remove all gradients."""
@@ -61,6 +70,7 @@ class Adam:
     def step(self) -> None:
         """One step of the weights that have a gradient."""
         groups: dict[Any, list[tuple[torch.Tensor, ...]]] = {}
+        options = self.param_groups[0]
         for index, weight in enumerate(self.weights):
             if weight.grad is None:
                 continue
@@ -75,14 +85,15 @@ class Adam:
             torch._foreach_add_(steps, 1)
             torch._fused_adam_(
                 weights, gradients, first, second, [], steps,
-                lr=self.lr, beta1=self.betas[0], beta2=self.betas[1], weight_decay=0.0,
-                eps=self.eps, amsgrad=False, maximize=False, grad_scale=None, found_inf=None,
+                lr=options["lr"], beta1=options["betas"][0], beta2=options["betas"][1],
+                weight_decay=0.0, eps=options["eps"], amsgrad=False, maximize=False,
+                grad_scale=None, found_inf=None,
             )  # fmt: skip
 
     def state_dict(self) -> StateDict:
         """As of torch's class."""
-        options = {"lr": self.lr, "betas": self.betas, "eps": self.eps, **CONSTANT}
-        group = {**options, "params": [*range(len(self.weights))]}
+        options = {name: self.param_groups[0][name] for name in OPTIONS}
+        group = {**options, **CONSTANT, "params": [*range(len(self.weights))]}
         return {"state": {index: {**own} for index, own in self.state.items()},
                 "param_groups": [group]}  # fmt: skip
 
@@ -93,7 +104,8 @@ class Adam:
             len(group["params"]) == len(self.weights),
             f"a state of {len(group['params'])} weights for {len(self.weights)}",
         )
-        self.lr, self.betas, self.eps = group["lr"], tuple(group["betas"]), group["eps"]
+        for name in OPTIONS:
+            self.param_groups[0][name] = group[name]
         numbers = {saved: index for index, saved in enumerate(group["params"])}
         self.state = {}
         for saved, moments in state_dict["state"].items():

@@ -282,7 +282,8 @@ class NetworkLearner(LearnedNetwork):
     def set_schedules(self, progress: float) -> None:
         """Set learning rates and, for PPO, the discount; `progress` in [0, 1] of the budget."""
         for optimizer, learning_rate in self.rates:
-            optimizer.lr = self.annealed(learning_rate, progress)
+            for group in optimizer.param_groups:
+                group["lr"] = self.annealed(learning_rate, progress)
 
     def descend(self, loss: torch.Tensor, optimizer: Adam | None = None) -> None:
         """One step of Adam (None: of `optimizer`), with the gradient clipped to the norm
@@ -295,7 +296,8 @@ class NetworkLearner(LearnedNetwork):
     def descend_by_gradients(self, optimizer: Adam | None = None) -> None:
         """One step of Adam with the gradients in `grad`, clipped likewise."""
         optimizer = optimizer or self.optimizer
-        weights = optimizer.weights  # listing those of a network takes longer than their norm
+        # Listing the weights of a network takes longer than their norm.
+        weights = [weight for group in optimizer.param_groups for weight in group["params"]]
         if self.average is not None:
             gradients = [weight.grad for weight in weights if weight.grad is not None]
             self.average(gradients + averaged_buffers(self.network))

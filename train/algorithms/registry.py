@@ -13,6 +13,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import pursuit
+from pursuit.siblings import is_ours
 from pursuit.simulator.policy import Policy
 from pursuit.validation import check
 from train.algorithms import (
@@ -48,7 +49,7 @@ class Algorithm:
     Attributes:
         name: on the command line and in `config.json`.
         settings: the class of its hyperparameters.
-        build: (settings, env, Build) -> the learner for an environment: a `VecEnv` (see `torchrl`),
+        build: (settings, env, Build) -> the learner for an environment: a `VecEnv` (`env_form`),
             or with `own_loop` a `LearnerVectorEnv`.
         load: (settings, seat, state, greedy) -> the policy in a learner's `state_dict`, on the
             CPU; KeyError or RuntimeError for a state of other settings.
@@ -58,8 +59,6 @@ class Algorithm:
         teams: whether it can learn for several agents of a role in self-play.
         tabular: whether it has a table over the states of one maze or small game, and no network.
         recurrent: whether its network can be recurrent.
-        torchrl: whether its environment is a `SimulatorEnv`, which has the interface of TorchRL and
-            takes a second to import, or a `BatchEnv`.
         own_loop: whether it brings its own loop and network, as those of other libraries do.
         package, extra: the package that it needs, and the extra of `pip install 'pursuit[...]'`
             that installs it; "" for none.
@@ -77,7 +76,6 @@ class Algorithm:
     teams: bool = False
     tabular: bool = False
     recurrent: bool = False
-    torchrl: bool = True
     own_loop: bool = False
     package: str = ""
     extra: str = ""
@@ -91,8 +89,9 @@ class Algorithm:
 
     @property
     def env_form(self) -> type[BatchEnv]:
-        """The class of its environment, unless it has its own loop."""
-        if not self.torchrl:
+        """The class of its environment, unless it has its own loop: for a learner of a user
+        `SimulatorEnv`, which has the interface of TorchRL and takes a second to import."""
+        if is_ours(getattr(self.build, "__module__", "")):
             return BatchEnv
         from train.environments.simulator_env import SimulatorEnv  # slow to import
 
@@ -248,7 +247,7 @@ def entry(name: str) -> Algorithm:
 def _ours(name: str, build: Any, network_of: Any = None, load: Any = None, **able: Any) -> None:
     """Register an algorithm whose policy is the network that `network_of` makes, or its `load`."""
     load = load or network_loader(network_of)
-    register(Algorithm(name, HYPERPARAMETERS[name], build, load, torchrl=False, **able))
+    register(Algorithm(name, HYPERPARAMETERS[name], build, load, **able))
 
 
 _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import strftime
@@ -56,7 +57,10 @@ def demo(arguments: Sequence[str]) -> None:
     contest = GameContest(task, "chaser_0", {"evader": evader}, EPISODES, SEED)
     policy = contest.scripted()
     path = out or Path("runs") / f"demo-{strftime('%Y%m%d-%H%M%S')}.html"
-    path.parent.mkdir(exist_ok=True)
+    if out is None:
+        with suppress(FileExistsError):
+            path.parent.mkdir()
+        check_new_files([path, path.with_suffix(".gif")])
     if path.suffix.lower() == ".html" and (out or has_screen()):
         builder = Builder()
         games = {f"episode {number + 1}": number for number in range(EPISODES)}

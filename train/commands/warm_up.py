@@ -70,6 +70,9 @@ class WarmUpCommand(Settings):
 def warm_up(arguments: Sequence[str]) -> None:
     """`pursuit warm-up`."""
     commands = CHASE | (OTHERS if parse(WarmUpCommand, arguments, "warm-up").all else {})
+    check(
+        not config.DISABLE_JIT, "NUMBA_DISABLE_JIT=1: nothing is compiled; unset it for the warm-up"
+    )
     print(f"cache: {cache_folder()}", flush=True)
     began, total = perf_counter(), 0
     spawn = multiprocessing.get_context("spawn")

@@ -98,7 +98,7 @@ def test_adam_is_torchs_own_bit_for_bit() -> None:
     torchs = torch.optim.Adam(theirs.parameters(), 3e-3, (0.8, 0.99), 1e-5, fused=True)
     seen = observed(50)
     for number in range(4):
-        own.lr = torchs.param_groups[0]["lr"] = 3e-3 / (1 + number)
+        own.param_groups[0]["lr"] = torchs.param_groups[0]["lr"] = 3e-3 / (1 + number)
         for network, optimizer in ((ours, own), (theirs, torchs)):
             optimizer.zero_grad()
             network(seen).square().mean().backward()
