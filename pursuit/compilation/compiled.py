@@ -189,12 +189,13 @@ class Announcer(event.Listener):
         function = event.data["dispatcher"].py_func
         if not is_ours(function.__module__):
             return
-        number = next((at for at, group in enumerate(USUAL) if function.__name__ in group), 0)
-        if not self.names or not (self.names & {*USUAL[number]} or number == 0):
-            left = sum(each for name, each in USUAL[number].items() if name not in self.names)
+        first = not self.names
+        group = next((each for each in USUAL[1:] if function.__name__ in each), USUAL[0])
+        if first or (group is not USUAL[0] and not self.names & {*group}):
+            # Not all kernels of the group may be needed, and some may be on disk already.
             print(
-                "pursuit: compiling kernels (once per machine and kind of game), about "
-                f"{left * self.slowness():.0f} s remain ...",
+                "pursuit: compiling kernels (once per machine and kind of game), up to about "
+                f"{sum(group.values()) * self.slowness():.0f} s remain ...",
                 file=sys.stderr,
             )
         self.names.add(function.__name__)

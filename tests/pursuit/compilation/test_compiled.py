@@ -49,7 +49,7 @@ def raised(paid):
     return paid + {reward}
 """
 ANNOUNCEMENT = (
-    "pursuit: compiling kernels (once per machine and kind of game), about 10 s remain ...\n"
+    "pursuit: compiling kernels (once per machine and kind of game), up to about 10 s remain ...\n"
 )
 
 
