@@ -174,6 +174,13 @@ def is_contiguous(strides: tuple[int, ...], layers: int, width: int, size: int) 
 
 
 @inlined
+def natural(number: int) -> int:
+    """The number, in a form that the compiler knows not to be negative, which saves checks of
+    indices."""
+    return np.int64(np.uint32(number))
+
+
+@inlined
 def all_allowed(actions: Ints, num_actions: int) -> bool:
     """Whether every action is in range."""
     most = np.uint32(0)
@@ -238,9 +245,9 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
         world = World(mazes, neighbors, facts, tables)
         found = teams_of(numbers)
         teams = Teams(
-            chasers if chasers >= 0 else found.chasers,
-            evaders if evaders >= 0 else found.evaders,
-            runners if runners >= 0 else found.runners,
+            chasers if chasers >= 0 else natural(found.chasers),
+            evaders if evaders >= 0 else natural(found.evaders),
+            runners if runners >= 0 else natural(found.runners),
             goals if goals >= 0 else found.goals,
         )
         options = PLAIN if plain else options_of(numbers)
