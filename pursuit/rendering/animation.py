@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, combinations
 from pathlib import Path
@@ -24,6 +25,7 @@ from pursuit.rendering.rendering import (
     WALL,
     WHITE,
     Drawable,
+    Scene,
 )
 
 
@@ -56,14 +58,14 @@ def save_animation(
         )
     if not fps > 0:
         raise ValueError(f"fps={fps}; give more than 0 frames per second")
-    frames = _frames(path, scenes, size)
+    in_color = (scene.picture(size) for scene in scenes)
+    frames = _checked(path, _indexed(scenes, size) if suffix == ".gif" else in_color)
     write_atomically(path, lambda partial: writers[suffix](partial, frames, fps))
 
 
-def _frames(path: Path, scenes: Iterable[Drawable], size: int) -> Iterator[Image.Image]:
+def _checked(path: Path, frames: Iterable[Image.Image]) -> Iterator[Image.Image]:
     expected: tuple[int, int] | None = None
-    for scene in scenes:
-        frame = scene.picture(size)
+    for frame in frames:
         if expected is not None and frame.size != expected:
             raise ValueError(
                 f"{path}: a picture of {frame.width}x{frame.height} after pictures of "
@@ -94,8 +96,31 @@ def _palette() -> Image.Image:
     return palette
 
 
+def _indexed(scenes: Iterable[Drawable], size: int) -> Iterator[Image.Image]:
+    """The pictures as indices of `_palette`.
+
+    Agents that walk in circles play long episodes of few pictures: those of mazes are kept, and
+    only footers are drawn for every scene.
+    """
+
+    def indexed(image: Image.Image) -> Image.Image:
+        return image.quantize(palette=_palette(), dither=Image.Dither.NONE)
+
+    @lru_cache(maxsize=256)
+    def kept(scene: Scene) -> Image.Image:
+        return indexed(scene.picture(size))
+
+    for scene in scenes:
+        if type(scene) is Scene:  # other kinds may show steps elsewhere
+            image, footer = kept(replace(scene, steps=0, caption="")).copy(), scene.strip(size)
+            image.paste(indexed(footer), (0, image.height - footer.height))
+            yield image
+        else:
+            yield indexed(scene.picture(size))
+
+
 def _write_gif(path: Path, frames: Iterator[Image.Image], fps: float) -> None:
-    images = [frame.quantize(palette=_palette(), dither=Image.Dither.NONE) for frame in frames]
+    images = list(frames)
     milliseconds = max(20, round(1000 / fps))
     durations = [milliseconds] * (len(images) - 1) + [max(1500, milliseconds)]
 
