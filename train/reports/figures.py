@@ -155,15 +155,20 @@ def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> 
         ValueError: the suffix is not in `FORMATS`.
     """
     import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.text import Text
 
     one_of("format of a figure", path.suffix.lstrip("."), FORMATS)
+    figure.set_dpi(dpi)
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+    settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
     for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
-        for text in figure.findobj(Text):
-            text.set_parse_math(False)
-        undated = {"Date": None} if form == "svg" else None
-        write = partial(figure.savefig, dpi=dpi, format=form, metadata=undated)
-        settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
+        # `Figure.savefig` draws twice: first only to find the layout.
+        write: Any = FigureCanvasAgg(figure).print_png
+        if form == "svg":
+            write = partial(FigureCanvasSVG(figure).print_svg, metadata={"Date": None})
         with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
         figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
