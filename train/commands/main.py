@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     SIGTERM, and 141 if the reader of the output closed the pipe.
     """
     # Imports make a million objects that are never freed: do not search them for cycles so often.
-    gc.set_threshold(100_000)
+    gc.set_threshold(1_000_000)
     open_streams()
     if shutil.get_terminal_size().columns < NARROWEST:
         os.environ["COLUMNS"] = str(NARROWEST)
