@@ -12,14 +12,16 @@ import gc
 import sys
 from collections.abc import Callable
 from time import perf_counter, process_time
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numba
 import numpy as np
 from numba import _dynfunc, types
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
+from numba.core.typed_passes import InlineOverloads, NopythonRewrites
+from numba.core.untyped_passes import InlineClosureLikes
 
 from pursuit.compilation.kernel_cache import KernelCache
 from pursuit.siblings import is_ours
@@ -128,14 +130,36 @@ class _Part(JITCodeLibrary):
         self._finalized = True
 
 
-class _PartCompiler(Compiler):
-    """Numba's compiler without the generation of machine code."""
+class _Flags(Flags):
+    """Flags of the compiler, which it compares at every call of a function in a kernel."""
 
-    def __init__(self, typing: Any, target: Any, library: Any, *settings: Any) -> None:
-        super().__init__(typing, target, library, *settings)
+    DEFAULTS: ClassVar = {name: option.default for name, option in Flags.options.items()}
+
+    def values(self) -> dict[str, Any]:
+        """The values by name, without the property of each, which takes ten times as long."""
+        return self.DEFAULTS | self._values
+
+
+class _PartCompiler(Compiler):
+    """Numba's compiler without the generation of machine code and without `UNUSED`, the passes for
+    closures, overloads that are inlined and expressions with whole arrays."""
+
+    UNUSED: ClassVar = {InlineClosureLikes, InlineOverloads, NopythonRewrites}
+
+    def __init__(
+        self, typing: Any, target: Any, library: Any, args: Any, result: Any, flags: Any, kinds: Any
+    ) -> None:
+        super().__init__(typing, target, library, args, result, _Flags(flags), kinds)
         self.state.library = _Part(target.codegen(), "part")
         self.state.library.enable_object_caching()
         self.state.flags.no_compile = True
+
+    def define_pipelines(self) -> Any:
+        """Numba's passes that parts need."""
+        found = super().define_pipelines()
+        for each in found:
+            each.passes = [step for step in each.passes if step[0] not in self.UNUSED]
+        return found
 
     def compile_extra(self, func: Any) -> Any:
         """Compile the function; the entry point in the result cannot be called from Python."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.compilation.compiled import allocating, compiled
+from pursuit.compilation.compiled import allocating, compiled, inlined
 from pursuit.mazes.graph_generation import graph_drawing
 from pursuit.mazes.maze import Maze
 from pursuit.memory import check_memory
@@ -31,7 +31,7 @@ OUTSIDE, FRONTIER, INSIDE = range(3)
 # -- the grid --------------------------------------------------------------------------------------
 
 
-@compiled
+@inlined
 def passage_of(cell: int, action: int, height: int, width: int) -> int:
     """The index in `passages` of the wall in that direction; -1 at the border."""
     row, column = cell // width, cell % width
@@ -45,7 +45,7 @@ def passage_of(cell: int, action: int, height: int, width: int) -> int:
     return first_east + cell - row - 1 if column > 0 else -1
 
 
-@compiled
+@inlined
 def cell_after(cell: int, action: int, width: int) -> int:
     """The next cell in that direction, ignoring walls; undefined at the border."""
     if action == NORTH:
@@ -65,7 +65,7 @@ def degree(cell: int, height: int, width: int, passages: Flags) -> int:
     return count
 
 
-@compiled
+@inlined
 def random_action(
     cell: int, states: NDArray[np.uint8], wanted: int, height: int, width: int, streams: Words
 ) -> int:

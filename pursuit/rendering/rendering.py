@@ -405,27 +405,15 @@ def font_of(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size=size)
 
 
-@lru_cache(maxsize=512)
-def _written(text: str, font_size: int, anchor: str) -> tuple[Image.Image, int, int]:
-    """The coverage of a text, mode L; and its left and upper edge, from its anchor. Letters are
-    slow to draw, and animations of several episodes have the same texts."""
-    font = font_of(font_size)
-    left, top, right, bottom = map(int, font.getbbox(text, anchor=anchor))
-    mask = Image.new("L", (right - left, bottom - top))
-    ImageDraw.Draw(mask).text((-left, -top), text, 255, font, anchor)
-    return mask, left, top
-
-
 def draw_footer(image: Image.Image, top: int, font_size: int, text: str, caption: str) -> None:
     """Draw `text` on the left below row `top`, and `caption`, shortened to fit, on the right."""
-    font = font_of(font_size)
+    draw, font = ImageDraw.Draw(image), font_of(font_size)
     middle = top + (image.height - top - MARGIN) // 2
+    draw.text((MARGIN, middle), text, WALL, font, anchor="lm")
     caption = " ".join(caption.split())
     most = image.width - 2 * MARGIN - font.getlength(text) - font_size
     if font.getlength(caption) > most:
         while caption and font.getlength(caption + "...") > most:
             caption = caption[:-1]
         caption = caption and caption.rstrip() + "..."
-    for words, x, anchor in ((text, MARGIN, "lm"), (caption, image.width - MARGIN, "rm")):
-        mask, left, above = _written(words, font_size, anchor)
-        image.paste(WALL, (x + left, middle + above), mask)
+    draw.text((image.width - MARGIN, middle), caption, WALL, font, anchor="rm")

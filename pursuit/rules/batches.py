@@ -37,6 +37,8 @@ from pursuit.rules.layout import (
     FINAL_POSITION,
     FINAL_STEPS,
     GOAL,
+    GOING_ON,
+    LISTED,
     MAZE,
     NEXT_EPSILON,
     NEXT_SLIP,
@@ -45,11 +47,9 @@ from pursuit.rules.layout import (
     PLAIN,
     POSITION,
     REAL_LAYERS,
-    RESTART,
     RETURNS,
     SLIP,
     START,
-    STARTS_NOW,
     STEPS,
     TERMINATED,
     TRUNCATED,
@@ -71,7 +71,7 @@ from pursuit.rules.layout import (
 )
 from pursuit.rules.option_step import step_with_options
 from pursuit.rules.starts import Start, start
-from pursuit.rules.step import step
+from pursuit.rules.step import step, step_runners
 from pursuit.rules.turn import goals_of_game, turn_of
 
 MOST_KNOWN = 8
@@ -122,19 +122,19 @@ def finish_for(options_in: Any) -> Any:
     def finish_episodes(
         memory: Memory, goals: Any, numbers: Longs, world: World, scratch: Ints, mode: int
     ) -> None:
-        """Copy the last state of games that ended, and restart them with RESTART; with START only
-        start the games that are to start now."""
-        rules, starts = start_rules_of(numbers, options_in(numbers)), memory.pending[STARTS_NOW]
+        """Copy the last state of the games listed, and restart them with RESTART; with START only
+        start them."""
+        rules, listed = start_rules_of(numbers, options_in(numbers)), memory.pending[LISTED]
         by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
-        for game in range(by_rule.shape[0]):
-            begins = mode == START and starts[game] > 0
-            if begins:
+        for number in range(listed.shape[0]):
+            game = listed[number]
+            if game < 0:
+                break
+            if mode == START:
                 by_rule[game] = by_time[game] = False
-                starts[game] = 0
-            elif mode != START and (by_rule[game] | by_time[game]):
+            else:
                 keep_final(memory, game, rules.teams, rules.exits)
-                begins = mode == RESTART
-            if begins:
+            if mode != NO_RESTART:
                 start_game(memory, goals, game, rules, world, scratch)
 
     return finish_episodes
@@ -190,7 +190,7 @@ def all_allowed(actions: Ints, num_actions: int) -> bool:
 
 
 def step_each_by(step_once: Any) -> Any:
-    """The loop over the games of a batch of `step` or `step_with_options`.
+    """The loop over the games of a batch of `step`, `step_runners` or `step_with_options`.
 
     It cannot be their argument, as kernels that pass functions are not kept on disk.
     """
@@ -200,8 +200,12 @@ def step_each_by(step_once: Any) -> Any:
         memory: Memory, goals: Any, actions: Ints, rules: StepRules, world: World,
         scratch: Ints, skip_ended: bool,
     ) -> None:  # fmt: skip
-        """Step every game, or every game that has not ended if `skip_ended`."""
+        """Step every game, or every game that has not ended if `skip_ended`; list those that end.
+
+        The list is made without branches, as the processor could not predict them.
+        """
         by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
+        listed, ended = memory.pending[LISTED], np.uint64(0)
         for number in range(actions.shape[0]):
             game = np.uint64(number)  # signed indices are checked for negative values
             if skip_ended and (by_rule[game] or by_time[game]):
@@ -214,11 +218,16 @@ def step_each_by(step_once: Any) -> Any:
                 memory.rewards[game],
             )  # fmt: skip
             by_rule[game], by_time[game] = end == TERMINATED, end == TRUNCATED
+            listed[ended] = game
+            ended += np.uint64(end != GOING_ON)
+        if ended < listed.shape[0]:
+            listed[ended] = -1
 
     return step_each
 
 
 step_each_plainly, step_each_with_options = step_each_by(step), step_each_by(step_with_options)
+step_each_runner = step_each_by(step_runners)
 
 
 @cache
@@ -227,6 +236,7 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
 
     So are the options of the rules, unless there are none (`plain`).
     """
+    chased = (chasers, evaders) != (0, 0)
 
     @compiled
     def step_games(
@@ -260,8 +270,12 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
         own_goals = None if goals == 0 else memory.goals
         skip_ended = mode == NO_RESTART
         if plain:
-            if mode != START:
+            if mode == START:
+                pass
+            elif chased:
                 step_each_plainly(memory, own_goals, actions, rules, world, scratch, skip_ended)
+            else:
+                step_each_runner(memory, own_goals, actions, rules, world, scratch, skip_ended)
             finish_plainly(memory, own_goals, numbers, world, scratch, mode)
         else:
             if mode != START:
@@ -293,5 +307,6 @@ def start_games(step_games: Any, arrays: Sequence[Any], chosen: Flags) -> None:
     actions. It starts games too, as a function of its own would take as long to compile.
     """
     memory = Memory(*arrays[: len(Memory._fields)])
-    memory.pending[STARTS_NOW] = chosen
+    games, listed = np.flatnonzero(chosen), memory.pending[LISTED]
+    listed[: len(games)], listed[len(games) :] = games, -1
     step_games(*arrays, np.empty((0, memory.rewards.shape[1]), dtype=np.int32), START)

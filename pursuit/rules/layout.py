@@ -62,7 +62,7 @@ UNCHANGED = -1.0  # no pending epsilon: the current one remains
 POSITION, ACTIVE, EVENT, FINAL_POSITION, FINAL_ACTIVE, FINAL_EVENT, AGENT_LAYERS = range(7)
 GOAL, FINAL_GOAL, GOAL_LAYERS = range(3)
 NEXT_MAZE, NUM_GOALS, GOAL_RADIUS, GOALS_AROUND_MARKS = range(4)
-MIN_START_DISTANCE, MAX_START_DISTANCE, STARTS_NOW, PENDING_LAYERS = range(4, 8)
+MIN_START_DISTANCE, MAX_START_DISTANCE, LISTED, PENDING_LAYERS = range(4, 8)
 STEPS, MAZE, FINAL_STEPS, FINAL_MAZE, CLOCK_LAYERS = range(5)
 EPSILON, NEXT_EPSILON, RETURNS, COLLECTED_GOALS, EPISODE_RETURNS, REAL_LAYERS = range(6)
 SLIP, NEXT_SLIP = REAL_LAYERS, REAL_LAYERS + 1  # only in tasks with slips
@@ -165,7 +165,7 @@ class Memory(NamedTuple):
     goals: [games, GOAL_LAYERS, goals] int32.
     clocks: [games, CLOCK_LAYERS + 2 * exits] int32: the clocks, the exits, the final exits.
     pending: [PENDING_LAYERS, games] int32, the fields of NextEpisode except epsilon; in row
-        STARTS_NOW 1 for games that are to start, see `batches.start_games`.
+        LISTED the games that end in this step, or are to start (`batches.start_games`), then -1.
     reals: [games, REAL_LAYERS, agents] float64; with slips two more layers.
     flags: [FLAG_LAYERS, games] bool.
     rewards: [games, agents] float32.
@@ -264,7 +264,7 @@ def outcome_of(memory: Memory) -> Outcome:
 def next_episode_of(memory: Memory) -> NextEpisode:
     """The pending settings of the next episode."""
     epsilon = memory.reals[:, NEXT_EPSILON]
-    return NextEpisode(*memory.pending[:STARTS_NOW], epsilon)  # type: ignore[call-arg]
+    return NextEpisode(*memory.pending[:LISTED], epsilon)  # type: ignore[call-arg]
 
 
 @inlined

@@ -76,38 +76,58 @@ def step(turn: Turn, goals: Goals, actions: Ints, streams: Words, rewards: Earne
         plan[AFTER, evader] = destination(turn, evader, action)
     for runner in runners_of(teams):
         plan[AFTER, runner] = destination(turn, runner, actions[runner])
-    return settle(turn, goals, rewards, decide_captures(turn), 0)
+    return settle(turn, goals, rewards, decide_captures(turn), None)
 
 
 @inlined
-def settle(turn: Turn, goals: Goals, rewards: Earned, num_captured: int, num_escaped: int) -> int:
+def step_runners(turn: Turn, goals: Goals, actions: Ints, streams: Words, rewards: Earned) -> int:
+    """As `step`, of a game without chasers and evaders."""
+    for runner in runners_of(turn.rules.teams):
+        turn.plan[AFTER, runner] = destination(turn, runner, actions[runner])
+    return settle(turn, goals, rewards, None, None)
+
+
+@inlined
+def settle(
+    turn: Turn, goals: Goals, rewards: Earned, num_captured: int | None, num_escaped: int | None
+) -> int:
     """Collect goals, write rewards and the new state, given the decisions on moves, captures and
-    escapes; return as `step`."""
+    escapes; return as `step`.
+
+    `num_escaped` is None without options of the rules, `num_captured` without evaders: what can not
+    occur is not compiled.
+    """
     rules, plan = turn.rules, turn.plan
     teams, steps = rules.teams, turn.clocks[STEPS] + 1
     collected, goals_left = decide_goals(turn, goals)
-    all_collected = collected > 0 and goals_left == 0
-    end = ended(turn, num_captured + num_escaped, all_collected, steps)
+    all_collected, gone = collected > 0 and goals_left == 0, 0
+    if num_captured is not None:
+        gone += num_captured
+    if num_escaped is not None:
+        gone += num_escaped
+    end = ended(turn, gone, all_collected, steps)
 
     # A round of turns has two steps; its second one pays the step rewards.
     pays = not rules.options.turns or (steps & 1) == 0
     add_step_rewards(turn, goals, rewards, pays)
-    if num_captured > 0:
+    if num_captured is not None and num_captured > 0:
         add_capture_rewards(turn, rewards, num_captured, end)
-    if num_escaped > 0:
+    if num_escaped is not None and num_escaped > 0:
         add_escape_rewards(turn, rewards, end)
-    if rules.chaser.per_evader != 0.0:
+    if num_captured is not None and rules.chaser.per_evader != 0.0:
         add_per_evader_rewards(turn, goals, rewards, pays)
-    if rules.options.touches and (not rules.options.turns or (steps & 1) == 1):
+    touches = rules.options.touches and (not rules.options.turns or (steps & 1) == 1)
+    if num_escaped is not None and touches:
         add_touch_rewards(turn, rewards)
     if collected > 0:
         collect_goals(turn, goals, rewards, end)
     for agent in agents_of(teams):
         turn.agents[POSITION, agent] = plan[AFTER, agent]
         turn.reals[RETURNS, agent] += rewards[agent]
-    for i in range(num_captured):
-        turn.agents[ACTIVE, plan[CAUGHT, i]] = 0
-    if num_escaped > 0:
+    if num_captured is not None:
+        for i in range(num_captured):
+            turn.agents[ACTIVE, plan[CAUGHT, i]] = 0
+    if num_escaped is not None and num_escaped > 0:
         for evader in evaders_of(teams):
             if plan[CAPTORS, evader] < 0:
                 turn.agents[ACTIVE, evader] = 0

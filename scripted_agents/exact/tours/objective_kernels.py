@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pursuit.compilation.compiled import allocating, compiled
+from pursuit.compilation.compiled import allocating, inlined, subroutine
 from scripted_agents.exact.tolerances import TIE
 
 
@@ -44,7 +44,7 @@ class Layer(NamedTuple):
     shortest: Any
 
 
-@compiled
+@inlined
 def next_set(goals: Any, count: int, cells: int) -> Any:
     """Change `goals` to the set with the next number; return whether there is one."""
     i = 0
@@ -55,7 +55,7 @@ def next_set(goals: Any, count: int, cells: int) -> Any:
     return goals[count - 1] < cells
 
 
-@compiled
+@inlined
 def number_without(goals: Any, count: int, removed: int, binomials: Any) -> Any:
     """The number of the set without `goals[removed]`."""
     number = np.int64(0)
@@ -65,7 +65,7 @@ def number_without(goals: Any, count: int, removed: int, binomials: Any) -> Any:
     return number
 
 
-@compiled
+@subroutine
 def fill_set(goals: Any, count: int, ways: Any, before: Any, found: Any) -> None:
     """Fill `found`, the rows [cells] of one set of `count` goals, from the layer below."""
     cells = ways.distances.shape[0]
