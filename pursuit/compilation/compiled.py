@@ -1,39 +1,18 @@
 """Compilation of kernels by Numba, with an on-disk cache that detects every change.
 
 A kernel may call functions of any file of the project: the stamp of its cache entry covers the
-imports of its file (`pursuit.compilation.kernel_cache`). Functions that only kernels call are not
-optimised or compiled to machine code separately, but as part of the calling kernels (`_Part`). This
-halves the compilation time.
+imports of its file (`pursuit.compilation.kernel_cache`). Numba is imported when a kernel is first
+called: help texts and errors of options need none, and its import takes as long as all of theirs.
 """
 
 from __future__ import annotations
 
-import gc
-import sys
 from collections.abc import Callable
-from time import perf_counter, process_time
-from typing import Any, ClassVar, TypeVar
-
-import numba
-import numpy as np
-from numba import _dynfunc, types
-from numba.core import event
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, Flags
-from numba.core.typed_passes import InlineOverloads, NopythonRewrites
-from numba.core.untyped_passes import InlineClosureLikes
-
-from pursuit.compilation.kernel_cache import KernelCache
-from pursuit.siblings import is_ours
+from functools import cached_property, partial, update_wrapper
+from typing import Any, TypeVar, cast
 
 ANY_ORDER = {"reassoc", "contract"}
 """Fast-math flags of LLVM: reorder floating-point sums, and fuse them with products."""
-
-TRIED = numba.__version__.startswith("0.68.")
-"""Whether this is a version of Numba that `_PartCompiler` supports. With other versions Numba's own
-compiler is used, which takes twice as long."""
-
-CLOCKS = {"wall": perf_counter, "processor": process_time}
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -44,7 +23,7 @@ def compiled(function: Function) -> Function:
     The kernel must not allocate arrays, as Numba's reference counting is switched off (it took two
     thirds of the time of a step). For kernels that allocate see `allocating`.
     """
-    return _entry(function, _nrt=False)
+    return _later(function, False, _nrt=False)
 
 
 def summing(function: Function) -> Function:
@@ -53,22 +32,22 @@ def summing(function: Function) -> Function:
     Infinities and NaN are handled as usual. The order is fixed at compilation, so results are
     reproducible on the same processor.
     """
-    return _entry(function, _nrt=False, fastmath=ANY_ORDER)
+    return _later(function, False, _nrt=False, fastmath=ANY_ORDER)
 
 
 def merged_sums(function: Function) -> Function:
     """Like `inlined`, for kernels that are `summing`."""
-    return _part(function, forceinline=True, fastmath=ANY_ORDER)
+    return _later(function, True, forceinline=True, fastmath=ANY_ORDER)
 
 
 def subroutine(function: Function) -> Function:
     """Compile a function for calls from kernels only, without wrappers for calls from Python."""
-    return _part(function)
+    return _later(function, True)
 
 
 def inlined(function: Function) -> Function:
     """A `subroutine` that is inlined into its callers, so that constants propagate to its loops."""
-    return _part(function, forceinline=True)
+    return _later(function, True, forceinline=True)
 
 
 def allocating(function: Function) -> Function:
@@ -77,173 +56,44 @@ def allocating(function: Function) -> Function:
     The kernel must not call functions that return arrays (such as `layout.games_of`): without
     reference counting in those functions it would free arrays that are in use.
     """
-    return _entry(function)
+    return _later(function, False)
 
 
-def _entry(function: Function, **options: Any) -> Function:
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
-    if dispatcher is function:  # NUMBA_DISABLE_JIT=1; NumPy warns where random numbers overflow
-        return np.errstate(over="ignore")(function)
-    if any(isinstance(each.cell_contents, type(dispatcher)) for each in function.__closure__ or ()):
+def _later(function: Function, is_part: bool, **options: Any) -> Function:
+    enclosed = (each.cell_contents for each in function.__closure__ or ())
+    if not is_part and any(isinstance(each, Kernel) for each in enclosed):
         raise TypeError(
             f"{function.__name__}: name compiled functions in the module, as a kernel "
             "that encloses them is not found again on disk"
         )
-    dispatcher._cache = KernelCache(function)
-    return dispatcher
+    kernel: Any = Kernel(lambda *arguments: kernel.dispatcher(*arguments))
+    kernel.py_func, kernel.is_part, kernel.options = function, is_part, options
+    update_wrapper(kernel, function)
+    return cast(Function, kernel)
 
 
-def _part(function: Function, **options: Any) -> Function:
-    part: Any = numba.njit(
-        nogil=True,
-        error_model="numpy",
-        _nrt=False,
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-        pipeline_class=_PartCompiler if TRIED else Compiler,
-        **options,
-    )(function)
-    if part is not function:
-        template_of = part.get_call_template
-        part.get_call_template = lambda args, kws: template_of([_wide(each) for each in args], kws)
-    return part
+class Kernel(partial[Any]):
+    """Calls Numba's dispatcher of a function, made on first use.
 
-
-def _wide(kind: types.Type) -> types.Type:
-    """int64 for integers with a sign and for constants, so that a part is compiled once."""
-    kind = types.unliteral(kind)
-    return types.int64 if isinstance(kind, types.Integer) and kind.signed else kind
-
-
-class _Part(JITCodeLibrary):
-    """The unoptimised code of a function that only kernels call, to be linked into kernels.
-
-    Numba would optimise and compile it with all functions that it calls, and again in each of its
-    callers, which takes two thirds of LLVM's time.
+    A `partial` of the dispatcher, as a method `__call__` would add a tenth of a microsecond.
     """
 
-    def _optimize_final_module(self) -> None:
-        """Skipped: the calling kernels are optimised as a whole."""
+    @cached_property
+    def dispatcher(self) -> Any:
+        """Numba's dispatcher; the function itself with NUMBA_DISABLE_JIT=1."""
+        from pursuit.compilation.compiler import entry, part  # slow to import
 
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
+        dispatcher = (part if self.is_part else entry)(self.py_func, **self.options)
+        self.__setstate__((dispatcher, (), {}, vars(self)))
+        return dispatcher
 
+    @property
+    def _numba_type_(self) -> Any:
+        """How Numba takes this object in kernels."""
+        return self.dispatcher._numba_type_
 
-class _Flags(Flags):
-    """Flags of the compiler, which it compares at every call of a function in a kernel."""
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.dispatcher, name)
 
-    DEFAULTS: ClassVar = {name: option.default for name, option in Flags.options.items()}
-
-    def values(self) -> dict[str, Any]:
-        """The values by name, without the property of each, which takes ten times as long."""
-        return self.DEFAULTS | self._values
-
-
-class _PartCompiler(Compiler):
-    """Numba's compiler without the generation of machine code and without `UNUSED`, the passes for
-    closures, overloads that are inlined and expressions with whole arrays."""
-
-    UNUSED: ClassVar = {InlineClosureLikes, InlineOverloads, NopythonRewrites}
-
-    def __init__(
-        self, typing: Any, target: Any, library: Any, args: Any, result: Any, flags: Any, kinds: Any
-    ) -> None:
-        super().__init__(typing, target, library, args, result, _Flags(flags), kinds)
-        self.state.library = _Part(target.codegen(), "part")
-        self.state.library.enable_object_caching()
-        self.state.flags.no_compile = True
-
-    def define_pipelines(self) -> Any:
-        """Numba's passes that parts need."""
-        found = super().define_pipelines()
-        for each in found:
-            each.passes = [step for step in each.passes if step[0] not in self.UNUSED]
-        return found
-
-    def compile_extra(self, func: Any) -> Any:
-        """Compile the function; the entry point in the result cannot be called from Python."""
-        found = super().compile_extra(func)
-        found.library.finalize()
-        about, keep = found.fndesc, (found.library,)
-        entry = _dynfunc.make_function(
-            about.lookup_module(), func.__name__, "part of kernels", 0, found.environment, keep
-        )
-        found.target_context.insert_user_function(entry, about, keep)
-        return found._replace(entry_point=entry)
-
-
-USUAL = (
-    {
-        "all_distances": 0.3, "step_games": 4.5, "fill_greedy_table": 0.6, "choose_actions": 1.2,
-        "list_entities": 0.4, "draw_actions": 0.4, "below_heads": 0.2, "clipped_loss": 0.6,
-        "first_layer_gradient": 0.2, "evaluate_rows": 0.4, "respond_rows": 1.1, "choose": 0.4,
-    },
-    {"fill_store": 5.0, "fill_games": 0.6, "fill_numbers": 0.4, "sweep": 1.1},
-)  # fmt: skip
-"""Kernels that take long to compile, and how many seconds on an AMD EPYC of 2.6 GHz: those of a
-first training, and those of exact solutions with options of the rules or several agents."""
-
-
-class Announcer(event.Listener):
-    """Prints to stderr, before a group of `USUAL` kernels is compiled, the seconds that it takes.
-
-    It also pauses Python's garbage collection during compilation, which takes a tenth of the time.
-
-    Attributes:
-        spent: seconds of compilation so far, by clock.
-        names: of the compiled kernels.
-    """
-
-    def __init__(self) -> None:
-        self.depth = 0
-        self.spent = dict.fromkeys(CLOCKS, 0.0)
-        self.began = dict(self.spent)
-        self.names: set[str] = set()
-        self.collects = False
-
-    def on_start(self, event: Any) -> None:
-        """Called when Numba starts to compile (not when it loads from the cache)."""
-        self.depth += 1
-        if self.depth > 1:
-            return
-        self.began = {name: clock() for name, clock in CLOCKS.items()}
-        self.collects = gc.isenabled()
-        gc.disable()
-        function = event.data["dispatcher"].py_func
-        if not is_ours(function.__module__):
-            return
-        first = not self.names
-        group = next((each for each in USUAL[1:] if function.__name__ in each), USUAL[0])
-        if first or (group is not USUAL[0] and not self.names & {*group}):
-            # Not all kernels of the group may be needed, and some may be on disk already.
-            print(
-                "pursuit: compiling kernels (once per machine and kind of game), up to about "
-                f"{sum(group.values()) * self.slowness():.0f} s remain ...",
-                file=sys.stderr,
-            )
-        self.names.add(function.__name__)
-
-    def slowness(self) -> float:
-        """The time of compilation so far as a multiple of that in `USUAL`; 1 at the beginning."""
-        usual = sum(group[name] for group in USUAL for name in self.names & {*group})
-        return self.spent["wall"] / usual if usual > 1.0 else 1.0
-
-    def on_end(self, event: Any) -> None:
-        """Called after compilation."""
-        self.depth -= 1
-        if self.depth == 0:
-            for name, clock in CLOCKS.items():
-                self.spent[name] += clock() - self.began[name]
-            if self.collects:
-                gc.enable()
-
-
-ANNOUNCER = Announcer()
-event.register("numba:compile", ANNOUNCER)
-
-
-def now_without_compilation(clock: str) -> float:
-    """The seconds of a clock, "wall" or "processor" (of this process), which stands still while
-    kernels are compiled."""
-    return CLOCKS[clock]() - ANNOUNCER.spent[clock]
+    def __reduce__(self) -> str:
+        return self.__qualname__

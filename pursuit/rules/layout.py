@@ -230,7 +230,7 @@ def scratch_for(num_cells: int, num_agents: int, num_goals: int) -> Ints:
 
 def named_views(naming: Any, *arrays: Any) -> Any:
     """The result of one of the functions below, outside kernels: views of the arrays."""
-    return getattr(naming, "py_func", naming)(*arrays)  # the function itself if nothing is compiled
+    return getattr(naming, "py_func", naming)(*arrays)  # some are no kernels
 
 
 # -- names for the layers --------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar
 
 import torch
 
-from pursuit.compilation.compiled import now_without_compilation
+from pursuit.compilation.compiler import now_without_compilation
 from pursuit.validation import at_least, check, choice, one_of, unknown
 from scripted_agents.exact.limits import MAX_EXACT_GOALS
 from train.algorithms.registry import ALGORITHMS, entry

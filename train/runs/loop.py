@@ -16,7 +16,7 @@ import torch
 from filelock import BaseFileLock
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
-from pursuit.compilation.compiled import now_without_compilation
+from pursuit.compilation.compiler import now_without_compilation
 from pursuit.files import cannot_write
 from scripted_agents.exact.long_work import Tell, in_time
 from train.files import Plain, write_csv, write_json

@@ -12,12 +12,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from numba.core.dispatcher import Dispatcher
 
 import pursuit
 import scripted_agents
 from pursuit import siblings
-from pursuit.compilation import compiled, kernel_cache
+from pursuit.compilation import compiled, compiler, kernel_cache
+from pursuit.compilation.compiled import Kernel
 
 KERNEL = """
 from pursuit.compilation.compiled import compiled
@@ -61,7 +61,7 @@ def package(tmp_path: Path) -> Path:
     (package / "__init__.py").touch()
     (package / "compilation").mkdir()
     (package / "compilation" / "__init__.py").touch()
-    for module in (compiled, kernel_cache):
+    for module in (compiled, compiler, kernel_cache):
         shutil.copy(str(module.__file__), package / "compilation")
     shutil.copy(siblings.__file__, package)
     (package / "kernel.py").write_text(KERNEL)
@@ -110,6 +110,7 @@ def test_the_stamp_depends_on_all_files_that_a_kernel_imports(
         rules / "pay.py",
         rules / "amounts.py",
         package / "compilation" / "compiled.py",
+        package / "compilation" / "compiler.py",
     ]
     for file in [None, *imported, package / "compilation" / "kernel_cache.py", rules / "other.py"]:
         if file is not None:
@@ -117,7 +118,7 @@ def test_the_stamp_depends_on_all_files_that_a_kernel_imports(
         kernel_cache.source_stamp.cache_clear()
         stamps.append(kernel_cache.source_stamp(str(kernel)))
     kernel_cache.source_stamp.cache_clear()
-    assert len(set(stamps)) == 6 and stamps[-2] == stamps[-1]
+    assert len(set(stamps)) == 7 and stamps[-2] == stamps[-1]
 
 
 @pytest.mark.parametrize(
@@ -157,14 +158,14 @@ def test_imports_are_those_of_the_parser() -> None:
             assert ours <= kernel_cache.imported_names(file), file
 
 
-def called_kernels(kernel: Dispatcher) -> Iterator[Dispatcher]:
+def called_kernels(kernel: Kernel) -> Iterator[Kernel]:
     """Those that the code names, as `name` or as `module.name`."""
     function = kernel.py_func
     names = function.__code__.co_names
     found = [function.__globals__.get(name) for name in names]
     for module in [value for value in found if isinstance(value, ModuleType)]:
         found += [getattr(module, name, None) for name in names]
-    yield from (value for value in found if isinstance(value, Dispatcher))
+    yield from (value for value in found if isinstance(value, Kernel))
 
 
 def test_the_stamp_covers_every_kernel_that_a_kernel_calls() -> None:
@@ -181,7 +182,7 @@ def test_the_stamp_covers_every_kernel_that_a_kernel_calls() -> None:
                 for kind in (0, 1)
             ]
             for kernel in (*names.values(), *names.get("ENTRIES", {}).values(), *made):
-                if not isinstance(kernel, Dispatcher):
+                if not isinstance(kernel, Kernel):
                     continue
                 own = Path(kernel.py_func.__code__.co_filename)
                 for called in called_kernels(kernel):
