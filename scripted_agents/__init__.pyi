@@ -29,7 +29,6 @@ from .exact.graphs.cops_and_robbers import cop_number as cop_number
 from .exact.graphs.cops_and_robbers import solve_in_turns as solve_in_turns
 from .exact.hidden.beliefs import BeliefChaser as BeliefChaser
 from .exact.hidden.beliefs import BeliefFilter as BeliefFilter
-from .exact.hidden.beliefs import why_no_belief as why_no_belief
 from .exact.hidden.chase import BeliefOptimalChaser as BeliefOptimalChaser
 from .exact.hidden.chase import BeliefOptimalEvader as BeliefOptimalEvader
 from .exact.hidden.chase import HiddenChaseSolution as HiddenChaseSolution
@@ -65,6 +64,7 @@ from .exact.joint.states import JointStates as JointStates
 from .exact.limits import check_joint_states as check_joint_states
 from .exact.limits import check_optimal as check_optimal
 from .exact.limits import count_joint_states as count_joint_states
+from .exact.limits import why_no_belief as why_no_belief
 from .exact.limits import why_not_optimal as why_not_optimal
 from .exact.limits import why_not_team_chase as why_not_team_chase
 from .exact.limits import work_of as work_of

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from pursuit.environments.parallel import RENDER_FPS
 from pursuit.environments.single_agent import SingleAgentEnv, SingleAgentVectorEnv
-from pursuit.plugins import Registry, from_train, is_reference
+from pursuit.plugins import from_train
 from pursuit.rendering.windows import metadata_of
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
@@ -26,10 +26,20 @@ from scripted_agents.agents.searchers import (
 )
 from scripted_agents.agents.uniform import UniformAgent
 from scripted_agents.exact.duel.best_response import MoveOrder
-from scripted_agents.exact.hidden.beliefs import BeliefChaser, check_duel
+from scripted_agents.exact.hidden.beliefs import BeliefChaser
 from scripted_agents.exact.joint.optimal import OptimalChaser, OptimalEvader
-from scripted_agents.exact.limits import check_optimal
 from scripted_agents.exact.tours.runner import TourRunner
+from scripted_agents.names import (
+    AGENTS,
+    POLICIES,
+    SEARCHERS,
+    UNIFORM,
+    agent_name,
+    check_agent,
+    check_plays,
+    custom_roles,
+    is_agent,
+)
 
 DEFAULTS: dict[str, type[Scripted]] = {
     "chaser": AStarChaser,
@@ -39,51 +49,12 @@ DEFAULTS: dict[str, type[Scripted]] = {
 """The default scripted agent of each role."""
 
 
-SCRIPTED_NAMES = ("astar", "random", "equilibrium")
-"""The names on the command line of scripted agents with a full view, which play all roles."""
-
-SEARCHERS: dict[str, dict[str, Callable[..., Policy]]] = {
+MAKERS: dict[str, dict[str, Callable[..., Policy]]] = {
     "searching": {"chaser": SearchingChaser, "evader": WaryEvader, "runner": SearchingRunner},
     "sweeping": {"chaser": SweepingChaser},
     "belief": {"chaser": BeliefChaser},
 }
-"""Scripted agents with the view limits of the task, by name and role."""
-
-UNIFORM = "uniform"
-"""The name of `UniformAgent`, which is in no table of references."""
-
-AGENTS = (*SCRIPTED_NAMES, UNIFORM, *SEARCHERS)
-"""All names of scripted agents."""
-
-POLICIES: Registry[Callable[[Task, str], Policy]] = Registry(
-    "policy", "a class or function (task, role) -> Policy", callable, plural="policies", ours=AGENTS
-)
-"""User-defined policies. The attribute `roles` of a class restricts it to these roles."""
-
-
-def agent_name(name: str) -> str:
-    """The present name of a scripted agent; any other name as it is."""
-    return "equilibrium" if name == "optimal" else name
-
-
-def is_custom_policy(name: str) -> bool:
-    """Whether a name is that of a user-defined policy."""
-    return is_reference(name) or (name not in AGENTS and name in POLICIES.names())
-
-
-def custom_roles(name: str, task: Task) -> tuple[str, ...]:
-    """The roles of a task that a user-defined policy plays; ValueError for an unknown policy."""
-    plays = getattr(POLICIES.get(name), "roles", task.seat_roles)
-    return tuple(role for role in dict.fromkeys(task.seat_roles) if role in plays)
-
-
-def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
-    """The roles of a task that a scripted agent or a user-defined policy plays."""
-    name = agent_name(name)
-    if name not in AGENTS:
-        return custom_roles(name, task)
-    plays = SEARCHERS.get(name, DEFAULTS)
-    return tuple(role for role in DEFAULTS if role in plays and role in task.seat_roles)
+"""The classes of `SEARCHERS`, by name and role."""
 
 
 def custom_policy(name: str, task: Task, role: str) -> Policy:
@@ -123,7 +94,7 @@ def scripted_policy(
     one_of("role", role, ROLES)
     if name in SEARCHERS:
         check_plays(name, role)
-        return SEARCHERS[name][role](epsilon=epsilon)
+        return MAKERS[name][role](epsilon=epsilon)
     if name == "random":
         return RandomAgent()
     if name == UNIFORM:
@@ -134,39 +105,6 @@ def scripted_policy(
         return TourRunner(epsilon)
     form = OptimalChaser if role == "chaser" else OptimalEvader
     return form(epsilon, discount, move_order)
-
-
-def check_plays(name: str, role: str) -> None:
-    """ValueError unless a scripted agent plays a role."""
-    roles = SEARCHERS.get(name, ROLES)
-    if role not in roles:
-        raise ValueError(
-            f"{name} plays {', '.join(roles)}; {role!r} is needed. Use "
-            f"{', '.join(other for other in AGENTS if role in SEARCHERS.get(other, ROLES))}"
-        )
-
-
-def check_agent(name: str, task: Task, role: str) -> None:
-    """ValueError, with the reason, unless a scripted agent plays a role of a task."""
-    check_plays(name, role)
-    if agent_name(name) == "equilibrium":
-        check_optimal(task, role)
-    if name == "belief":
-        check_duel(task, "belief")
-
-
-def plays(name: str, task: Task, role: str) -> bool:
-    """Whether `check_agent` accepts a scripted agent."""
-    try:
-        check_agent(name, task, role)
-    except ValueError:
-        return False
-    return True
-
-
-def is_agent(name: str) -> bool:
-    """Whether a name is that of a scripted agent or of a user-defined policy."""
-    return agent_name(name) in AGENTS or is_custom_policy(name)
 
 
 def named_policy(name: str, task: Task, role: str, epsilon: float = 0.0) -> Policy:

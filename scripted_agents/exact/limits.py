@@ -280,3 +280,18 @@ def check_optimal(task: Task, role: str) -> None:
             f"{'optimal' if role == 'runner' else 'equilibrium'} {role} of task {task.name!r}: not "
             f"known: {reason}. Take astar, or a smaller game"
         )
+
+
+def why_no_belief(task: Task) -> str | None:
+    """The reason why a task has no beliefs about an opponent; None if it has."""
+    return None if task.is_duel else "one chaser, one evader and no goals are needed"
+
+
+def check_belief(task: Task, what: str) -> None:
+    """ValueError unless a task is a duel, as beliefs need."""
+    reason = why_no_belief(task)
+    if reason is not None:
+        raise ValueError(
+            f"{what} in task {task.name!r} of {task.num_chasers} chaser(s), {task.num_evaders} "
+            f"evader(s) and {task.num_goals} goal(s): {reason}. Use SearchingChaser"
+        )

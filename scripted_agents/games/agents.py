@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check, check_probability, unknown
-from scripted_agents.environments import POLICIES, is_custom_policy
 from scripted_agents.games import tables
 from scripted_agents.games.encoding import mended
-from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import GameTask, StateView
-from scripted_agents.games.small_game import KEPT, Behaviour, SmallGame
+from scripted_agents.games.small_game import KEPT, Behaviour, SmallGame, longest_play
 from scripted_agents.games.solve import SmallEquilibrium, check_zero_sum, equilibrium
-
-UNIFORM, EQUILIBRIUM = "uniform", "equilibrium"
-AGENTS = (UNIFORM, EQUILIBRIUM)
-"""The names of policies that every player can have; `EQUILIBRIUM` in zero-sum games of two."""
-DISCOUNT = 0.95
-"""Of the equilibrium of a game that can go on forever."""
+from scripted_agents.names import (
+    EQUILIBRIUM,
+    GAME_AGENTS,
+    GAME_DISCOUNT,
+    POLICIES,
+    UNIFORM,
+    is_custom_policy,
+)
 
 
 class TableAgent:
@@ -87,21 +87,21 @@ def uniform_table(game: SmallGame, player: str) -> NDArray[np.float64]:
 def solved(game: SmallGame) -> SmallEquilibrium:
     """The equilibrium that `equilibrium` agents play, computed once.
 
-    Undiscounted in a game that always ends; otherwise with the discount `DISCOUNT`.
+    Undiscounted in a game that always ends; otherwise with the discount `GAME_DISCOUNT`.
 
     Raises:
         ValueError: not a zero-sum game of two players.
     """
     check_zero_sum(game)  # quick
     longest = longest_play(game)
-    return equilibrium(game, DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
+    return equilibrium(game, GAME_DISCOUNT) if longest is None else equilibrium(game, 1.0, longest)
 
 
 def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) -> TableAgent:
     """The policy of this name for a player.
 
     Args:
-        name: one of `AGENTS`, or package.module:Name of a function of a state that returns
+        name: one of `GAME_AGENTS`, or package.module:Name of a function of a state that returns
             probabilities (see `SmallGame.table`).
         task: the game.
         player: by name.
@@ -117,7 +117,7 @@ def named_agent(name: str, task: GameTask, player: str, epsilon: float = 0.0) ->
         return TableAgent(task, player, solved(task.game).policies[player], epsilon, name)
     check(
         is_custom_policy(name),
-        unknown("policy", name, AGENTS) + ", or package.module:Name of a function of a state",
+        unknown("policy", name, GAME_AGENTS) + ", or package.module:Name of a function of a state",
     )
     behaviour: Behaviour = POLICIES.get(name)  # type: ignore[assignment]
     with mended(f"policy {name!r}"):

@@ -17,7 +17,7 @@ from pursuit.rendering.windows import metadata_of
 from pursuit.rules.arrays import Array
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import check, named_settings, whole
-from scripted_agents.games.agents import UNIFORM, named_agent
+from scripted_agents.games.agents import named_agent
 from scripted_agents.games.encoding import encoded_states
 from scripted_agents.games.game import State
 from scripted_agents.games.interface import (
@@ -35,6 +35,7 @@ from scripted_agents.games.simulator import (
     StatePolicy,
 )
 from scripted_agents.games.solve import check_policies
+from scripted_agents.names import UNIFORM
 
 Policies = Mapping[str, Opponent]
 

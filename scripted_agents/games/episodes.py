@@ -10,12 +10,11 @@ import numpy as np
 
 from pursuit.validation import whole
 from scripted_agents.exact.tolerances import TIE
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.small_game import SmallGame, check_game
 from scripted_agents.games.solve import (
     Policies,
     Values,
     chain_of,
-    check_game,
     check_objective,
     replies_of,
     respond,
@@ -122,25 +121,3 @@ def return_range(
         one = respond(replace(game, rewards=rewards), game.players, {}, discount, horizon)
         ends.append(sign * one.mean_over_starts)
     return ends[0], ends[1]
-
-
-def longest_play(game: SmallGame) -> int | None:
-    """The largest number of steps of an episode; None if one can go on forever."""
-    from scipy.sparse import csr_array  # slow to import
-
-    check_game(game)
-    joints = np.arange(len(game.owners))
-    owner = csr_array((np.ones(len(joints)), (game.owners, joints)))
-    edges = (owner @ game.following).tocsr()
-    edges.eliminate_zeros()
-    edges.data[:] = 1.0
-    waiting = np.bincount(edges.indices, minlength=game.num_states)  # edges into each state
-    layer = np.flatnonzero(waiting == 0)
-    length, done = 0, 0
-    while len(layer):  # of states whose predecessors are all done (Kahn, 1962)
-        length, done = length + 1, done + len(layer)
-        reached = edges[layer].indices
-        waiting -= np.bincount(reached, minlength=game.num_states)
-        candidates = np.unique(reached)
-        layer = candidates[waiting[candidates] == 0]
-    return length if done == game.num_states else None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scripted_agents.games.episodes import longest_play, return_range
-from scripted_agents.games.small_game import SmallGame
+from scripted_agents.games.episodes import return_range
+from scripted_agents.games.small_game import SmallGame, longest_play
 from scripted_agents.games.solve import Policies, SmallEquilibrium, chain_of, equilibrium, iterate
 
 LEAST_APART = 1e-6

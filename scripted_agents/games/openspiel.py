@@ -27,8 +27,7 @@ from scripted_agents.exact.joint.policy import drawn
 from scripted_agents.games.game import Action
 from scripted_agents.games.openspiel_games import OpenSpielGame as OpenSpielGame
 from scripted_agents.games.openspiel_optional import openspiel_game as openspiel_game
-from scripted_agents.games.small_game import ENDED, SmallGame
-from scripted_agents.games.solve import check_game
+from scripted_agents.games.small_game import ENDED, SmallGame, check_game
 from scripted_agents.games.tasks import states_of_games
 
 NAME = "python_pursuit"

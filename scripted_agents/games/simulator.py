@@ -19,8 +19,7 @@ from pursuit.simulator.state import SimulatorState, check_range
 from pursuit.validation import as_array, check, one_of, shortened, whole
 from scripted_agents.games import tables
 from scripted_agents.games.encoding import encoded_states
-from scripted_agents.games.small_game import SmallGame
-from scripted_agents.games.solve import check_game
+from scripted_agents.games.small_game import SmallGame, check_game
 
 INDEX, ONE_HOT, OBSERVE = "index", "one_hot", "observe"
 ENCODINGS = (INDEX, ONE_HOT, OBSERVE)

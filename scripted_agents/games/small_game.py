@@ -232,3 +232,31 @@ def _in_order(
     if row.shape != (len(actions),):
         raise ValueError(f"{what}={shortened(given)}; {rule}")
     return row
+
+
+def check_game(game: SmallGame) -> None:
+    """ValueError unless it is an enumerated game."""
+    if not isinstance(game, SmallGame):
+        raise ValueError(f"{shortened(game)} is not enumerated; give enumerate_game(game)")
+
+
+def longest_play(game: SmallGame) -> int | None:
+    """The largest number of steps of an episode; None if one can go on forever."""
+    from scipy.sparse import csr_array  # slow to import
+
+    check_game(game)
+    joints = np.arange(len(game.owners))
+    owner = csr_array((np.ones(len(joints)), (game.owners, joints)))
+    edges = (owner @ game.following).tocsr()
+    edges.eliminate_zeros()
+    edges.data[:] = 1.0
+    waiting = np.bincount(edges.indices, minlength=game.num_states)  # edges into each state
+    layer = np.flatnonzero(waiting == 0)
+    length, done = 0, 0
+    while len(layer):  # of states whose predecessors are all done (Kahn, 1962)
+        length, done = length + 1, done + len(layer)
+        reached = edges[layer].indices
+        waiting -= np.bincount(reached, minlength=game.num_states)
+        candidates = np.unique(reached)
+        layer = candidates[waiting[candidates] == 0]
+    return length if done == game.num_states else None

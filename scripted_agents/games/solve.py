@@ -14,7 +14,7 @@ from scripted_agents.exact.joint.layout import NO_SLIPS, Store
 from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, SolvedGame
 from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_stochastic_game
 from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
-from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame
+from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame, check_game
 
 if TYPE_CHECKING:  # slow to import
     from scipy.sparse import csr_array
@@ -274,12 +274,6 @@ def check_zero_sum(game: SmallGame) -> None:
             f"in {shortened(state)} the rewards are {game.rewards[joint].tolist()}; equilibria are "
             "computed for two players with opposite rewards"
         )
-
-
-def check_game(game: SmallGame) -> None:
-    """ValueError unless it is an enumerated game."""
-    if not isinstance(game, SmallGame):
-        raise ValueError(f"{shortened(game)} is not enumerated; give enumerate_game(game)")
 
 
 def check_policies(game: SmallGame, policies: Mapping[str, object], players: Sequence[str]) -> None:

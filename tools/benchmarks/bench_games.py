@@ -17,7 +17,7 @@ import numpy as np
 from pursuit.plugins import OPENSPIEL
 from scripted_agents.games import GameSimulator, GameTask, load_game, nash_conv
 from scripted_agents.games.agents import named_agent, uniform_table
-from scripted_agents.games.episodes import longest_play
+from scripted_agents.games.small_game import longest_play
 from train.machine import processor
 
 try:

@@ -15,18 +15,13 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import Missing
 from scripted_agents import PairValues, mean_over_starts, solve_chase
-from scripted_agents.environments import (
-    AGENTS,
-    custom_policy,
-    custom_roles,
-    plays,
-    scripted_policy,
-)
+from scripted_agents.environments import custom_policy, scripted_policy
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK, MAX_FINAL_WORK, MAX_SNAPSHOT_CELLS
 from scripted_agents.exact.long_work import report
 from scripted_agents.exact.references import is_exact_team, is_table_duel
 from scripted_agents.games import game_of_sides
 from scripted_agents.games.mixing import mixed_share
+from scripted_agents.names import AGENTS, custom_roles, plays
 from train.evaluation.contest import GameContest
 from train.evaluation.departures import rates_of
 from train.evaluation.diversity import diversity_of

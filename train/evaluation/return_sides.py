@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pursuit.replays.viewer.data import Builder
 from pursuit.validation import Missing, check
 from scripted_agents.exact.references import ReturnSolver
-from scripted_agents.games.agents import AGENTS, EQUILIBRIUM
 from scripted_agents.games.episodes import play_of, return_range
 from scripted_agents.games.mixing import mixed_share
 from scripted_agents.games.simulator import GameTask
@@ -24,6 +23,8 @@ from scripted_agents.games.solve import (
     respond,
     returns_of,
 )
+from scripted_agents.names import EQUILIBRIUM
+from scripted_agents.names import GAME_AGENTS as AGENTS
 from train.evaluation.games import half_width, stepper
 from train.evaluation.scores import Measure
 from train.evaluation.self_play_text import EXPLOITABILITY, describe_snapshots, describe_time

@@ -16,7 +16,6 @@ from scripted_agents import (
     why_not_optimal,
     work_of,
 )
-from scripted_agents.environments import SCRIPTED_NAMES, SEARCHERS
 from scripted_agents.exact.limits import (
     MAX_EXACT_WORK,
     MAX_GAME_CELLS,
@@ -25,6 +24,7 @@ from scripted_agents.exact.limits import (
 )
 from scripted_agents.exact.long_work import report
 from scripted_agents.exact.references import INTERVALS, JOINT, NASH_CONVS, Question, solution_of
+from scripted_agents.names import SCRIPTED_NAMES, SEARCHERS
 from train.evaluation.departures import OUTCOME_REWARDS
 from train.evaluation.exploitability import duel_nash_conv, exploitability, team_exploitability
 from train.evaluation.games import order_of, other_role, table_in

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from pursuit.rendering.rendering import Drawable
 from pursuit.replays.viewer.data import Builder
 from scripted_agents.exact.references import SMALL_GAMES, Question, Solution, solution_of
-from scripted_agents.games.agents import EQUILIBRIUM, UNIFORM, TableAgent, named_agent
+from scripted_agents.games.agents import TableAgent, named_agent
 from scripted_agents.games.episodes import play_of, play_of_response
 from scripted_agents.games.rendering import scene_of
 from scripted_agents.games.simulator import GameSimulator, GameTask, StatePolicy
 from scripted_agents.games.solve import SmallResponse, nash_conv, respond
+from scripted_agents.names import EQUILIBRIUM, UNIFORM
 from train.evaluation.return_contest import ReturnContest
 from train.evaluation.scores import (
     BEST_RETURN,

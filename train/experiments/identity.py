@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.validation import check
-from scripted_agents.environments import AGENTS
+from scripted_agents.names import AGENTS
 from train.files import Plain, write_bytes
 from train.kinds import with_mazes
 from train.runs.folder import CHECKPOINT, CONFIG

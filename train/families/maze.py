@@ -11,7 +11,7 @@ from pursuit.observations.custom import is_builtin
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import check
-from scripted_agents.environments import AGENTS
+from scripted_agents.names import AGENTS
 from train.evaluation.contest import GameContest
 from train.evaluation.games import won_by
 from train.evaluation.maze_sides import MazeSides

@@ -8,14 +8,8 @@ from typing import Any
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import Task
 from pursuit.validation import check
-from scripted_agents.environments import (
-    AGENTS,
-    chosen_policies,
-    default_policies,
-    is_agent,
-    named_policy,
-    roles_of_agent,
-)
+from scripted_agents.environments import chosen_policies, default_policies, named_policy
+from scripted_agents.names import AGENTS, is_agent, roles_of_agent
 from train.families.policies import NamedPolicies, SavedRuns, check_side, loaded_policy
 from train.settings.task import TaskSettings
 

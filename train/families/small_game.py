@@ -7,9 +7,10 @@ from operator import attrgetter
 from typing import Any, ClassVar
 
 from pursuit.validation import check
-from scripted_agents.environments import is_custom_policy
-from scripted_agents.games.agents import AGENTS, TableAgent, named_agent
+from scripted_agents.games.agents import TableAgent, named_agent
 from scripted_agents.games.simulator import GameSimulator, GameTask
+from scripted_agents.names import GAME_AGENTS as AGENTS
+from scripted_agents.names import is_custom_policy
 from train.evaluation.return_sides import SmallGameSides, reward_scale
 from train.evaluation.small_game_contest import SmallGameContest
 from train.families.family import Family

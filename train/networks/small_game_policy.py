@@ -13,8 +13,8 @@ from pursuit.rules import Games
 from pursuit.rules.arrays import Array
 from pursuit.rules.layout import empty_games
 from pursuit.validation import Plain, check, text_of
-from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.simulator import INDEX, GameSimulator, GameTask, StateView
+from scripted_agents.games.small_game import longest_play
 from train.networks.features import Features, features_between, features_for
 from train.networks.numbering import SeatNumbering
 from train.networks.policy import NUMBERS_AT_ONCE, NetworkPolicy, PolicyNetwork

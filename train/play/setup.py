@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pursuit.validation import check, need
-from scripted_agents.environments import agent_name
+from scripted_agents.names import agent_name
 from train.evaluation.games import other_role
 from train.families import family_of
 from train.play.session import Session

@@ -21,8 +21,8 @@ from pursuit.plugins import (
     sha256_of,
 )
 from pursuit.tasks.rewards import REWARDS
-from scripted_agents.environments import POLICIES
 from scripted_agents.games.named import GAMES, split_name
+from scripted_agents.names import POLICIES
 from train.files import Plain, read_json
 from train.schemas import read_as
 from train.settings.algorithms import LEARNERS

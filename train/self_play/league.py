@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.validation import check, need, shortened
-from scripted_agents.environments import agent_name
 from scripted_agents.exact.limits import MAX_FINAL_WORK
+from scripted_agents.names import agent_name
 from train.evaluation.ratings import (
     best_response_cycle,
     elo_ratings,

@@ -8,7 +8,7 @@ from keyword import iskeyword
 from typing import Any
 
 from pursuit.validation import check, shortened
-from scripted_agents.environments import agent_name
+from scripted_agents.names import agent_name
 from train.files import Plain
 from train.settings.algorithms import TUNED_AS, Hyperparameters, hyperparameter_form
 from train.settings.common import with_memory

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 
 from pursuit.plugins import Registry, accepts
 from pursuit.validation import Rule, at_least, check, passes, shortened
-from scripted_agents.environments import agent_name, is_custom_policy
+from scripted_agents.names import agent_name, is_custom_policy
 from train.files import Plain
 from train.settings.algorithms import Hyperparameters, PPOSettings, hyperparameter_form
 from train.settings.checks import NotNegative, threads_from

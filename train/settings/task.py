@@ -38,16 +38,20 @@ from pursuit.tasks.visibility import (
     view_radius_text,
 )
 from pursuit.validation import Rule, check, choice, one_of, rule
-from scripted_agents.environments import AGENTS, SEARCHERS, agent_name, check_agent
-from scripted_agents.games.agents import AGENTS as GAME_AGENTS
-from scripted_agents.games.agents import DISCOUNT as GAME_DISCOUNT
-from scripted_agents.games.agents import EQUILIBRIUM
 from scripted_agents.games.enumeration import names_of_players
-from scripted_agents.games.episodes import longest_play
 from scripted_agents.games.named import game_named, load_game, split_name
 from scripted_agents.games.simulator import ENCODINGS as GAME_ENCODINGS
 from scripted_agents.games.simulator import GameTask
-from scripted_agents.games.small_game import KEPT
+from scripted_agents.games.small_game import KEPT, longest_play
+from scripted_agents.names import (
+    AGENTS,
+    EQUILIBRIUM,
+    GAME_AGENTS,
+    GAME_DISCOUNT,
+    SEARCHERS,
+    agent_name,
+    check_agent,
+)
 from train.settings.checks import RANDOM_MOVES, check_default
 from train.settings.mazes import as_text, check_one_maze, maze_or_suite
 from train.settings.profile import TaskProfile

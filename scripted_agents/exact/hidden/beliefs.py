@@ -21,6 +21,7 @@ from scripted_agents.exact.duel.action_values import q_values
 from scripted_agents.exact.duel.best_response import MoveOrder, best_response
 from scripted_agents.exact.hidden import belief_kernels
 from scripted_agents.exact.joint.optimal import table_of
+from scripted_agents.exact.limits import check_belief
 from scripted_agents.exact.tolerances import EQUAL_VALUES
 
 Response = Literal["most_likely", "expected"]
@@ -77,7 +78,7 @@ class BeliefFilter:
             ValueError: games that are no duels, or mazes that are too large for tables.
         """
         task, kept, rows = view.task, self.memory.of(view), view.rows
-        check_duel(task, "beliefs")
+        check_belief(task, "beliefs")
         chases, laid = task.seat_roles[view.seat] == "chaser", self._laid.of(view)
         settings = chases, task.move_order == "chasers_first", task.min_start_distance
         belief_kernels.update_beliefs(
@@ -234,18 +235,3 @@ def _nothing_known(view: GameView) -> dict[str, Array]:
         "known_at": np.full(games, -1, dtype=np.int32),
         "before": np.full(games, -1, dtype=np.int32),
     }
-
-
-def why_no_belief(task: Task) -> str | None:
-    """The reason why a task has no beliefs about an opponent; None if it has."""
-    return None if task.is_duel else "one chaser, one evader and no goals are needed"
-
-
-def check_duel(task: Task, what: str) -> None:
-    """ValueError unless a task is a duel."""
-    reason = why_no_belief(task)
-    if reason is not None:
-        raise ValueError(
-            f"{what} in task {task.name!r} of {task.num_chasers} chaser(s), {task.num_evaders} "
-            f"evader(s) and {task.num_goals} goal(s): {reason}. Use SearchingChaser"
-        )

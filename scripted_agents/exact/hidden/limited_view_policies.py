@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from pursuit.simulator.policy import Policy, TabularPolicy
 from pursuit.tasks.task import Task
 from scripted_agents.agents.searchers import SearchingChaser, SearchingRunner, WaryEvader
-from scripted_agents.exact.hidden.beliefs import BeliefChaser, why_no_belief
+from scripted_agents.exact.hidden.beliefs import BeliefChaser
+from scripted_agents.exact.limits import why_no_belief
 
 
 def limited_references(

@@ -10,7 +10,8 @@ from pursuit.mazes.maze import Maze
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task, make_task
 from scripted_agents import AStarChaser, UniformAgent, evaluate_exactly, evaluate_joint
-from scripted_agents.environments import AGENTS, scripted_policy
+from scripted_agents.environments import scripted_policy
+from scripted_agents.names import AGENTS
 
 CORRIDOR = Maze.from_text("+-+-+-+\n|     |\n+-+-+-+")
 

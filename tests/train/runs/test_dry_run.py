@@ -16,7 +16,7 @@ from test_resumption import CHASER, PPO, RUNNER, SUITE, both, check_same, tiny
 
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
-from scripted_agents.environments import POLICIES
+from scripted_agents.names import POLICIES
 from train.commands.main import main
 from train.evaluation.sides import ResultLimits
 from train.kinds import start
@@ -162,7 +162,7 @@ def test_what_self_play_cannot_evaluate_is_an_error_before_training(
 @pytest.mark.parametrize(
     "command, broken",
     [
-        ("train", "train.commands.train.save_animation"),
+        ("train", "pursuit.rendering.animation.save_animation"),
         ("train", "train.runs.report.write_page"),
         ("train", "train.runs.pictures.draw_panels"),
         ("self-play", "train.self_play.report.draw_league"),

@@ -24,7 +24,8 @@ from scripted_agents import (
     mean_over_starts,
     solve_chase,
 )
-from scripted_agents.environments import chosen_policies, roles_of_agent
+from scripted_agents.environments import chosen_policies
+from scripted_agents.names import roles_of_agent
 from train.commands.main import main
 from train.evaluation.matchups import match
 from train.kinds import resume, start
