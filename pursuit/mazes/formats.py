@@ -92,7 +92,8 @@ def read_walls(text: str, name: str) -> Drawing:
 
 def _are_odd(grid: NDArray[np.str_]) -> NDArray[np.bool_]:
     """[rows, columns] True for start marks and invalid characters."""
-    odd = np.isin(grid, ["S", "G", "E", *(c for c in np.unique(grid) if not c.isprintable())])
+    unprintable = [each for each in {*grid.ravel().tolist()} if not each.isprintable()]
+    odd = np.isin(grid, ["S", "G", "E", *unprintable])
     odd[1::2, 1::2] = ~np.isin(grid[1::2, 1::2], [" ", "#", "G", "E"])
     return odd
 

@@ -10,7 +10,6 @@ from typing import Annotated
 from pursuit.validation import at_least
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.commands.parse import options_in, parse
-from train.commands.scores import print_scores
 from train.settings.checks import Settings
 from train.settings.task import TaskSettings
 from train.settings.task_form import AnyTask, default_task
@@ -33,6 +32,7 @@ def baseline(arguments: Sequence[str]) -> None:
     default = BaselineCommand(default_task(options_in(arguments)))
     given = parse(BaselineCommand, arguments, "baseline", default)
     given.task.check_used()
+    from train.commands.scores import print_scores
     from train.runs.parts import contest_of  # torch is slow to import
 
     contest = contest_of(given.task, given.episodes, given.seed)

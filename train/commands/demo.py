@@ -11,13 +11,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from pursuit.rendering.animation import save_animation
-from pursuit.replays.viewer.data import Builder
-from pursuit.tasks.task import make_task
 from pursuit.validation import check, passes
-from scripted_agents import AStarEvader
 from train.commands.parse import parse
-from train.evaluation.contest import GameContest
 from train.files import check_new_files
 from train.play.browser import has_screen, open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
@@ -52,6 +47,12 @@ class DemoCommand(Settings):
 def demo(arguments: Sequence[str]) -> None:
     """`pursuit demo`."""
     out = parse(DemoCommand, arguments, "demo").out
+    from pursuit.rendering.animation import save_animation
+    from pursuit.replays.viewer.data import Builder
+    from pursuit.tasks.task import make_task
+    from scripted_agents import AStarEvader
+    from train.evaluation.contest import GameContest
+
     evader = AStarEvader(epsilon=0.2)
     task = make_task("chase", maze="9x9")
     contest = GameContest(task, "chaser_0", {"evader": evader}, EPISODES, SEED)

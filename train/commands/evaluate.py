@@ -6,33 +6,26 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from pursuit.observations.custom import without_id
 from pursuit.plugins import reading
-from pursuit.replays.replay import with_suffix
-from pursuit.simulator.policy import Policy
 from pursuit.validation import Missing, at_least, check, choice, need
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from scripted_agents.exact.long_work import in_time
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
-from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
-from train.commands.suites import compared, evaluate_in_mazes
-from train.evaluation.pursuit_v5 import ENCODING, play_pursuit_v5
-from train.evaluation.recordings import recorded
-from train.evaluation.scores import UNKNOWN_GAP, AnyContest, Score
-from train.evaluation.sides import Profile, ResultLimits
-from train.evaluation.suite_report import summary_of
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
-from train.runs.folder import CONFIG, SELF_PLAY, read_config
-from train.runs.provenance import check_parts
 from train.settings.checks import Settings, check_default
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
+
+if TYPE_CHECKING:
+    from pursuit.simulator.policy import Policy
+    from train.evaluation.scores import AnyContest, Score
 
 OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
 """Options of the opponents."""
@@ -87,7 +80,7 @@ class EvaluateCommand(Evaluated):
     maze: str | None = None
     """Another maze than in training, or a suite of mazes such as suite:7x7-test. In a suite results
     are compared with the exact optimum of each maze, and with those in the training mazes."""
-    env: Annotated[str | None, choice(ENCODING)] = None
+    env: Annotated[str | None, choice("pursuit_v5")] = None
     """pursuit_v5: play chasers trained with --preset sisl-pursuit inside PettingZoo's environment
     of this name, with its defaults, from its observations (0.3 to 1.5 s an episode)."""
 
@@ -109,6 +102,9 @@ def evaluate(arguments: Sequence[str]) -> None:
     given: EvaluateCommand | EvaluateModelCommand = parse(form, arguments, "evaluate")
     if isinstance(given, EvaluateCommand):
         check_folder(given.run)
+    from pursuit.replays.replay import with_suffix
+    from train.runs.folder import SELF_PLAY, read_config
+
     replays = None if given.replays is None else with_suffix(given.replays)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         if isinstance(given, EvaluateCommand) and read_config(given.run)[0] == SELF_PLAY:
@@ -128,7 +124,10 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     names = (*OPPONENT, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
     check_default(given, EvaluateCommand, names, why)
+    from train.evaluation.sides import Profile, ResultLimits
+    from train.runs.folder import CONFIG, read_config
     from train.runs.opponents import policy_of  # torch is slow to import
+    from train.runs.provenance import check_parts
     from train.self_play.parts import game_of_all, self_play_from_plain
 
     config, plain = given.run / CONFIG, read_config(given.run)[1]
@@ -150,6 +149,8 @@ def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
     """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
     names = (*OPPONENT, "teammates", "maze", "replays", "table", "exact_seconds")
     check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
+    from train.evaluation.pursuit_v5 import play_pursuit_v5
+
     loaded = load_run(given)
     found: list[Plain] = [
         {"policy": name, **play_pursuit_v5(policy, given.episodes, given.seed).summary()}
@@ -172,6 +173,11 @@ def evaluate_and_print(
     given: EvaluateCommand | EvaluateModelCommand, replays: Path | None
 ) -> Plain:
     """Evaluate, print the scores and write the replays; the results."""
+    from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
+    from train.commands.suites import compared, evaluate_in_mazes
+    from train.evaluation.recordings import recorded
+    from train.evaluation.scores import UNKNOWN_GAP
+    from train.evaluation.suite_report import summary_of
     from train.runs.parts import contest_of  # torch is slow to import
     from train.runs.single import evaluation_of
     from train.runs.worlds import task_world_of

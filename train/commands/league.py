@@ -14,7 +14,6 @@ from pursuit.validation import at_least, check
 from train.commands.parse import parse
 from train.files import Plain, check_output_folder, hold, write_json
 from train.reports.tables import ResultTable, print_table
-from train.runs.provenance import command_line
 from train.settings.checks import Settings, check_default
 from train.settings.self_play import MEMBERS
 
@@ -76,6 +75,7 @@ def league(arguments: Sequence[str]) -> None:
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
+    from train.runs.provenance import command_line
     from train.self_play.league import enter, entries_name, play_league, rate
     from train.self_play.payoffs import draw_league, payoff_tables, ratings_table, teams_table
 

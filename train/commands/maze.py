@@ -14,9 +14,7 @@ from pursuit.mazes.generation import generate_graph, generate_maze
 from pursuit.mazes.graph_generation import GRAPHS
 from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze, load_maze
 from pursuit.mazes.sources import reads_as_text
-from pursuit.rendering.rendering import Scene
 from pursuit.validation import check
-from scripted_agents.exact.tours.tour import expected_tour_length
 from train.commands.parse import parse
 from train.files import Plain, check_new_files, write_text
 from train.reports.figures import BLUE, FORMATS, GREEN, ORANGE, draw_walls, pyplot, save
@@ -95,6 +93,8 @@ def maze(arguments: Sequence[str]) -> None:
 
 def draw_maze(maze: Maze, path: Path) -> None:
     """Draw a rendered maze (.png), or its lines (.svg), with the marks S, G and E."""
+    from pursuit.rendering.rendering import Scene
+
     if path.suffix == ".png":
         scene = Scene(maze, (), maze.goal_marks, 0, 0, exits=maze.exit_marks)
         picture = scene.picture()
@@ -116,6 +116,8 @@ def draw_maze(maze: Maze, path: Path) -> None:
 
 def describe_maze(maze: Maze) -> str:
     """The properties of a maze, one per line."""
+    from scripted_agents.exact.tours.tour import expected_tour_length
+
     parts = maze.num_components
     facts = {
         "cells": f"{maze.num_cells} of {maze.height} x {maze.width}"

@@ -10,11 +10,11 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NoReturn, TypeVar, get_origin
+from types import MappingProxyType, UnionType
+from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
 import tyro
 from docstring_parser import parse_from_object
@@ -165,25 +165,46 @@ _read_by(int, "INT", whole_number)
 _read_by(Path, "PATH", path_of)
 
 
+def is_instance(typ: Any, value: Any) -> bool:
+    """Whether a default value fits the type of its field: in place of tyro's function, which for
+    `int | None` imports typeguard, and that asyncio, longer than all else that tyro does."""
+    origin = get_origin(typ)
+    if origin is UnionType:
+        return any(is_instance(each, value) for each in get_args(typ))
+    if typ is Any or isinstance(origin, type):
+        return typ is Any or isinstance(value, origin)
+    return tyros_is_instance(typ, value)
+
+
+RESOLVER: Any = getattr(tyro, "_resolver", None)  # as of the versions of tyro so far
+tyros_is_instance: Callable[[Any, Any], bool] = getattr(RESOLVER, "is_instance", isinstance)
+if RESOLVER is not None:
+    RESOLVER.is_instance = is_instance
+
+
 def join_lines(text: str) -> str:
     """The paragraphs of a docstring as single lines, without the indentation of the source."""
     return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
 
 
 @cache
-def set_help_texts(form: Any) -> None:
+def set_help_texts(form: Any, wanted: bool) -> None:
     """Make the docstrings of a dataclass's fields their help texts, with joined lines.
 
-    tyro finds these docstrings, too, but keeps the line breaks of an indented source.
+    tyro finds these docstrings, too, but keeps the line breaks of an indented source. For the
+    message of an error it reads those of all fields without a text, of which it prints only those
+    of options that are required.
     """
     texts = {
         part.arg_name: join_lines(part.description or "")
-        for base in reversed(form.__mro__[:-1])
+        for base in (reversed(form.__mro__[:-1]) if wanted else ())
         for part in parse_from_object(base).params
     }
     for each in fields(form):
-        if each.name in texts:
-            each.metadata = MappingProxyType({**each.metadata, "help": texts[each.name]})
+        required = each.default is MISSING and each.default_factory is MISSING
+        other = None if wanted or required else each.metadata.get("help", "")
+        text = texts.get(each.name, other)
+        each.metadata = MappingProxyType({**each.metadata, "help": text})
 
 
 def described(form: type[object]) -> str:
@@ -198,7 +219,7 @@ def described(form: type[object]) -> str:
     return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
 
 
-def forms_in(value: object) -> Iterator[type[object]]:
+def forms_in(value: object) -> Iterator[Any]:
     """The dataclasses of a default value and its parts."""
     if is_dataclass(value):
         yield type(value)
@@ -219,9 +240,8 @@ def parse(
     extra: Plain = {} if default is None else {"default": default}
     own: Any = get_origin(form) or form
     extra["description"] = described(own)
-    if {"-h", "--help"} & {*args}:
-        for each in (own, *forms_in(default)):
-            set_help_texts(each)
+    for each in (own, *forms_in(default)):
+        set_help_texts(each, not {"-h", "--help"}.isdisjoint(args))
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(
@@ -240,6 +260,8 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     For options that determine the other options; `parse` reports errors.
     """
     args = [argument for argument in arguments if argument not in ("-h", "--help")]
+    for each in forms_in(default):
+        set_help_texts(each, wanted=False)
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
         found, _ = tyro.cli(
             type(default),

@@ -8,19 +8,19 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pursuit.validation import check, rule
 from train.commands.parse import fail, options_in, parse, take_allow_options
 from train.play.browser import open_page
 from train.play.outcome import total_line
-from train.play.replay_folder import ReplayFolder
-from train.play.server import PlayServer
-from train.play.session import Session
-from train.runs.folder import CONFIG
 from train.runs.interruption import Stopped
 from train.settings.checks import Settings, evaluation_seed
 from train.settings.task import AGENT, GAME, TaskSettings
+
+if TYPE_CHECKING:
+    from train.play.replay_folder import ReplayFolder
+    from train.play.session import Session
 
 PORT = rule(lambda value: 0 <= value < 2**16, "give 0 (any free port) to 65535")
 
@@ -61,12 +61,16 @@ def play(arguments: Sequence[str]) -> None:
         "small games cannot be played by hand; watch policies with `pursuit view` and a run",
     )
     against, run = options.get("against"), None
-    if against and (Path(against) / CONFIG).exists():
-        from train.play.setup import game_of_run  # torch is slow to import
+    if against and Path(against).is_dir():
+        from train.runs.folder import CONFIG
 
-        run = game_of_run(against)
+        if (Path(against) / CONFIG).exists():
+            from train.play.setup import game_of_run  # torch is slow to import
+
+            run = game_of_run(against)
     given = parse(PlayCommand, arguments, "play", PlayCommand(run or TaskSettings()))
     task = settings_of(given, "opponent_epsilon" in options)
+    from train.play.replay_folder import ReplayFolder
     from train.play.setup import session_of  # torch is slow to import
     from train.runs.opponents import is_self_play
 
@@ -114,6 +118,7 @@ def settings_of(given: PlayCommand, epsilon_given: bool = False) -> TaskSettings
 
 def on_page(session: Session, port: int, browser: bool, keeper: ReplayFolder | None) -> None:
     """Serve the page until Ctrl-C."""
+    from train.play.server import PlayServer
 
     def over(session: Session) -> None:
         print(f"\ngame {session.game + 1}")

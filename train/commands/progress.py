@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 from shlex import quote
 from time import perf_counter, strftime
 from typing import TYPE_CHECKING, TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-from pursuit.validation import check
-from train.commands.parse import options_in
+from train.commands.run_options import RunCommand
 from train.files import Plain, check_folder
-from train.runs.folder import CONFIG, check_new, is_complete, load_final, load_results
-from train.runs.forms import Final
-from train.runs.provenance import allow_options
 
 if TYPE_CHECKING:
+    from train.runs.forms import Final
     from train.runs.loop import Run
     from train.runs.trainee import Trainee
     from train.settings.self_play import WholeSettings
@@ -67,6 +60,9 @@ class TrainingProgress:
     """Shows the progress of a run: a bar in a terminal, and a line for every evaluation."""
 
     def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
         console = Console()
         self.progress = Progress(
             TextColumn("{task.description}"),
@@ -93,40 +89,6 @@ class TrainingProgress:
         self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunCommand:
-    """Options of commands that train."""
-
-    out: Path | None = None
-    """New folder for the run. None: runs/NAME-TIME."""
-    resume: Path | None = None
-    """Resume the run in this folder, with its settings; only --episodes, --exact-seconds,
-    --report and --allow may be given as well."""
-    episodes: int | None = None
-    """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
-    the first command."""
-    exact_seconds: float | None = None
-    """Seconds that exact solutions of games of several agents may take at the end; 0 for none.
-    Those that take about a second are always made. None: no limit; with --resume that of the first
-    command."""
-    report: bool = True
-    """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
-
-
-def check_resumed(arguments: Sequence[str]) -> None:
-    """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
-    given = options_in(arguments)
-    if given.get("resume", "None") in ("None", "") or {"-h", "--help"} & {*arguments}:
-        return
-    applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
-    others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
-    check(
-        not others,
-        f"--resume {given['resume']} with {', '.join(others)}: a run is resumed with its own "
-        "settings; leave these options out, or start a new run without --resume",
-    )
-
-
 def start_or_resume(
     kind: str, settings: WholeSettings, given: RunCommand, name: str
 ) -> tuple[Run, Final]:
@@ -142,6 +104,9 @@ def start_or_resume(
         ValueError: settings that cannot run, too few episodes, a folder that is not empty, or no
             run to resume.
     """
+    from train.runs.folder import CONFIG, check_new, load_final
+    from train.runs.forms import Final
+
     final, folder = Final(), given.resume
     if folder is not None and (folder / CONFIG).exists():
         final = load_final(folder)
@@ -179,6 +144,9 @@ def finish_run(
         again: the command that resumes it.
         present: writes the figures and the report, as `Run.present`; None for none.
     """
+    from train.runs.folder import CONFIG, is_complete, load_results
+    from train.runs.provenance import allow_options
+
     print(f"folder: {run.folder}", flush=True)
     run.present = present
     content = load_results(run.folder) if is_complete(run.folder) else None
@@ -206,5 +174,8 @@ def finish_run(
 
 def print_end(files: str, folder: Path) -> None:
     """Print which files a run has written, and the command that shows them."""
+    from train.runs.folder import CONFIG
+    from train.runs.provenance import allow_options
+
     print(f"{files}: {folder}")
     print(f"look: pursuit view{allow_options(folder / CONFIG)} {quote(str(folder))}")

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.rendering.animation import save_animation
 from pursuit.validation import at_least, check, passes
 from train.commands.parse import options_in, parse
 from train.files import check_folder, check_new_files
@@ -50,6 +49,7 @@ def render(arguments: Sequence[str]) -> None:
             f"{', '.join(named)} with {given.run}, but a run is rendered in its training task; "
             "leave out these options or the run",
         )
+    from pursuit.rendering.animation import save_animation
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
     from train.runs.saved import evaluated_settings, trains_team

@@ -16,7 +16,6 @@ from train.commands.progress import ProgressLine
 from train.experiments.analysis import ANALYSIS, is_of_analysis, report_analysis
 from train.files import check_folder, check_output_folder
 from train.reports.figures import UNITS
-from train.runs.folder import CONFIG
 from train.settings.checks import Settings
 
 TIME_UNIT = rule(lambda value: value in (None, *UNITS), "give frames or seconds")
@@ -62,6 +61,7 @@ def report(arguments: Sequence[str]) -> None:
     )
     from train.experiments.runs import LAYOUT
     from train.kinds import evaluate_runs
+    from train.runs.folder import CONFIG
 
     only = options.folders[0] if len(options.folders) == 1 else None
     kept = only is not None and any((only / name).exists() for name in (CONFIG, LAYOUT))

@@ -10,17 +10,8 @@ import tyro
 
 from pursuit.validation import check
 from train.commands.parse import default_budget, options_in, parse, parse_known
-from train.commands.progress import (
-    RunCommand,
-    check_resumed,
-    finish_run,
-    print_end,
-    start_or_resume,
-)
-from train.evaluation.self_play_text import describe_mixing
+from train.commands.run_options import RunCommand, check_resumed
 from train.files import Plain
-from train.reports.tables import print_table
-from train.runs.folder import CURVE, REPORT, SELF_PLAY
 from train.self_play.learners import checked_names, learning_side, sides_of, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.reading import names_of
@@ -97,6 +88,12 @@ def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     check_resumed(arguments)
     given, settings = parsed(arguments)
+    if given.resume is None:
+        settings.task.build()  # its errors come before the slow imports
+    from train.commands.progress import finish_run, start_or_resume
+    from train.evaluation.self_play_text import describe_mixing
+    from train.runs.folder import SELF_PLAY
+
     label = f"self-play-{settings.task.game_label}"
     started, final = start_or_resume(SELF_PLAY, settings, given, label)
     run = cast("Run[SelfPlay]", started)
@@ -194,6 +191,7 @@ def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
 
 def present(run: Run[SelfPlay], content: Plain) -> None:
     """Write the figures, the tables and the report; as `Run.present`."""
+    from train.runs.folder import CURVE
     from train.self_play.report import draw_self_play, title_of, write_self_play_report
 
     trainee, folder = run.trainee, run.folder
@@ -205,6 +203,10 @@ def present(run: Run[SelfPlay], content: Plain) -> None:
 
 def show(run: Run[SelfPlay], content: Plain) -> None:
     """Print the results."""
+    from train.commands.progress import print_end
+    from train.reports.tables import print_table
+    from train.runs.folder import REPORT
+
     game = run.trainee.game
     for each in game.tables(content):
         print(f"\n{each.head}" if each.head else "")

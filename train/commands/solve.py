@@ -16,35 +16,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+import scripted_agents
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.validation import check, choice, rule, text_of
-from scripted_agents import (
-    AStarChaser,
-    AStarEvader,
-    ChaseSolution,
-    cop_number,
-    double_oracle,
-    evaluate_exactly,
-    fictitious_play,
-    mean_over_starts,
-    solve_chase,
-    solve_hidden_chase,
-)
-from scripted_agents.exact.joint.results import JointNashConv
-from scripted_agents.games.agents import DISCOUNT, UNIFORM, uniform_table
-from scripted_agents.games.episodes import longest_play
-from scripted_agents.games.mixing import mixed_share
-from scripted_agents.games.named import load_game
-from scripted_agents.games.small_game import SmallGame
-from scripted_agents.games.solve import (
-    SmallEquilibrium,
-    SmallResponse,
-    Values,
-    equilibrium,
-    nash_conv,
-    respond,
-    returns_of,
-)
+from scripted_agents import games
+from scripted_agents.games.small_game import SmallGame, longest_play
+from scripted_agents.names import GAME_DISCOUNT as DISCOUNT
+from scripted_agents.names import UNIFORM
 from train.commands.parse import options_in, parse
 from train.commands.progress import ProgressLine
 from train.files import Plain, check_new_files, write_json
@@ -54,6 +32,9 @@ from train.settings.checks import RANDOM_MOVES, Settings, check_default
 
 if TYPE_CHECKING:  # slow to import
     from matplotlib.axes import Axes
+
+    from scripted_agents.exact.joint.results import JointNashConv
+    from scripted_agents.games.solve import Values
 
 WIDTH = 32
 """Of the names of results."""
@@ -180,11 +161,11 @@ def solve_maze(given: SolveCommand) -> None:
     order: Any = given.move_order
     alive, solving = ProgressLine(), f"solving {maze.name}"
     how = (given.discount, given.stay_action, given.horizon, order, given.num_chasers)
-    solution = solve_chase(maze, *how, lambda share: alive(solving, share))
+    solution = scripted_agents.solve_chase(maze, *how, lambda share: alive(solving, share))
     alive(solving, 1.0)
     print(describe(solution, perf_counter() - began))
     try:
-        number = cop_number(
+        number = scripted_agents.cop_number(
             maze, report=lambda done, chasers: alive(f"{chasers} chaser(s), alternating", done)
         )
         text = "more than 3" if number is None else str(number)
@@ -218,7 +199,7 @@ def check_options(given: SolveCommand) -> None:
 def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     """The proven bounds of the optimum of an agent with a limited view, one per line."""
     own: Any = given.role
-    form = AStarEvader if own == "chaser" else AStarChaser
+    form = scripted_agents.AStarEvader if own == "chaser" else scripted_agents.AStarChaser
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
     alive, name = ProgressLine(), f"radius {given.view_radius}"
@@ -228,8 +209,8 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     def report(now: float, lower: float, upper: float) -> None:
         alive(name, min(now / given.seconds, 1.0))
 
-    full = solve_hidden_chase(maze, table, None, **how)
-    found = solve_hidden_chase(maze, table, given.view_radius, report=report, **how)
+    full = scripted_agents.solve_hidden_chase(maze, table, None, **how)
+    found = scripted_agents.solve_hidden_chase(maze, table, given.view_radius, report=report, **how)
     alive(name, 1.0)
     low, up = (100.0 * (bound / full.upper - 1.0) for bound in (found.lower, found.upper))
     return in_lines(
@@ -252,21 +233,23 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
     began, lines = perf_counter(), {}
     how = (given.discount, given.stay_action, order)
     if given.method == "double-oracle":
-        solved = double_oracle(maze, *how)
+        solved = scripted_agents.double_oracle(maze, *how)
         for number, one in enumerate(solved.iterations, 1):
             lines[f"iteration {number}"] = (
                 f"NashConv {one.nash_conv:.6f}; actions per state: chaser "
                 f"{one.chaser_actions:.2f}, evader {one.evader_actions:.2f}"
             )
-        value, conv = mean_over_starts(solved.solution.values, maze), one.nash_conv
+        value, conv = scripted_agents.mean_over_starts(solved.solution.values, maze), one.nash_conv
     else:
         alive, solving = ProgressLine(), f"solving {maze.name}"
-        played = fictitious_play(maze, PLAYS, *how, lambda n, _: alive(solving, n / PLAYS))
+        played = scripted_agents.fictitious_play(
+            maze, PLAYS, *how, lambda n, _: alive(solving, n / PLAYS)
+        )
         for number in SHOWN:
             lines[f"iteration {number}"] = f"NashConv {played.nash_convs[number - 1]:.6f}"
         tables = played.chaser_policy, played.evader_policy
-        met = evaluate_exactly(maze, *tables, None, given.discount, order)
-        value, conv = mean_over_starts(met, maze), played.nash_convs[-1]
+        met = scripted_agents.evaluate_exactly(maze, *tables, None, given.discount, order)
+        value, conv = scripted_agents.mean_over_starts(met, maze), played.nash_convs[-1]
     stay = "with" if given.stay_action else "no"
     text = {
         "maze": size_in_words(maze),
@@ -285,7 +268,7 @@ def size_in_words(maze: Maze) -> str:
     return f"{maze.name}: {maze.num_cells} cells, {loops}"
 
 
-def describe(solution: ChaseSolution, seconds: float) -> str:
+def describe(solution: scripted_agents.ChaseSolution, seconds: float) -> str:
     """The properties of a solution, one per line."""
     values, chasers, horizon = solution.values, solution.num_chasers, solution.horizon
     cells = np.indices(values.shape)
@@ -311,13 +294,15 @@ def describe(solution: ChaseSolution, seconds: float) -> str:
     return in_lines(text, WIDTH)
 
 
-def default_cells(solution: ChaseSolution) -> tuple[int, int]:
+def default_cells(solution: scripted_agents.ChaseSolution) -> tuple[int, int]:
     """The chaser and evader cells with the largest standard deviation of values."""
     values = np.where(np.eye(len(solution.values), dtype=bool), np.nan, solution.values)
     return int(np.nanstd(values, axis=1).argmax()), int(np.nanstd(values, axis=0).argmax())
 
 
-def draw_solution(path: Path, solution: ChaseSolution, chaser: int, evader: int) -> None:
+def draw_solution(
+    path: Path, solution: scripted_agents.ChaseSolution, chaser: int, evader: int
+) -> None:
     """Values as colours and policies as arrows, for a fixed cell of the other side."""
     maze = solution.maze
     side = min(7.0, 1.5 + 0.45 * max(maze.picture_size))
@@ -370,11 +355,13 @@ def _draw_arrows(axis: Axes, maze: Maze, policy: NDArray[np.float64], other: int
 
 def solve_game(given: SolveGameCommand) -> None:
     """Print the solution, and write its tables; ValueError as `load_game`."""
+    from scripted_agents.games.agents import uniform_table
+
     out = given.out
     check(out is None or out.suffix == ".json", f"out={out}; give a .json file")
     check_new_files([out], given.overwrite)
     began = perf_counter()
-    game = load_game(given.game)
+    game = games.load_game(given.game)
     enumerated, longest = perf_counter() - began, longest_play(game)
     team = given.players if given.players is None else tuple(given.players.split(","))
     for name in team or ():
@@ -400,19 +387,19 @@ def solve_game(given: SolveGameCommand) -> None:
         "returns": how + limit,
     }
     began = perf_counter()
-    solution: SmallEquilibrium | SmallResponse | None = None
+    solution: games.SmallEquilibrium | games.SmallResponse | None = None
     uniform = {name: uniform_table(game, name) for name in game.players}
     if team is not None:
         others = {name: table for name, table in uniform.items() if name not in team}
-        solution = respond(game, team, others, discount, horizon)
-        returns = game.start @ returns_of(game, uniform, discount, horizon)
+        solution = games.respond(game, team, others, discount, horizon)
+        returns = game.start @ games.returns_of(game, uniform, discount, horizon)
         found = described_response(game, solution, returns)
     elif game.zero_sum:
-        solution = equilibrium(game, discount, horizon)
-        share = mixed_share(game, discount, horizon, solution)
+        solution = games.equilibrium(game, discount, horizon)
+        share = games.mixed_share(game, discount, horizon, solution)
         found = described_equilibrium(game, solution, share)
     else:
-        found = described_gains(nash_conv(game, uniform, discount, horizon))
+        found = described_gains(games.nash_conv(game, uniform, discount, horizon))
     print(in_lines({**text, **found, "solved in": f"{perf_counter() - began:.2f} s"}, WIDTH))
     if out is not None and solution is not None:
         named: Plain = {"game": given.game, "discount": discount, "horizon": horizon}
@@ -421,7 +408,7 @@ def solve_game(given: SolveGameCommand) -> None:
 
 
 def described_equilibrium(
-    game: SmallGame, solution: SmallEquilibrium, visits: float
+    game: SmallGame, solution: games.SmallEquilibrium, visits: float
 ) -> dict[str, str]:
     """The value of a zero-sum game of two, and where its equilibria are mixed: in how many states,
     and the share `visits` of `mixed_share`."""
@@ -434,7 +421,9 @@ def described_equilibrium(
     }
 
 
-def described_response(game: SmallGame, best: SmallResponse, returns: Values) -> dict[str, str]:
+def described_response(
+    game: SmallGame, best: games.SmallResponse, returns: Values
+) -> dict[str, str]:
     """The best response of a team to uniform play of all others, and what it gains."""
     team = best.players
     plays = returns[[game.player(name) for name in team]].sum()
@@ -461,7 +450,7 @@ def described_gains(found: JointNashConv) -> dict[str, str]:
     }
 
 
-def tables_of(game: SmallGame, solution: SmallEquilibrium | SmallResponse) -> Plain:
+def tables_of(game: SmallGame, solution: games.SmallEquilibrium | games.SmallResponse) -> Plain:
     """The values and policies of a solution, state after state, for a JSON file."""
     mixed = getattr(solution, "mixed", None)
     kind = "equilibrium" if mixed is not None else f"best response to {UNIFORM} play"

@@ -6,21 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from pursuit.rendering.animation import save_animation
 from train.commands.parse import default_budget, options_in, parse, parse_known
-from train.commands.progress import (
-    RunCommand,
-    check_resumed,
-    finish_run,
-    print_end,
-    start_or_resume,
-)
-from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
-from train.evaluation.scores import Score
+from train.commands.run_options import RunCommand, check_resumed
 from train.files import Plain
-from train.runs.folder import CURVE, REPLAY, REPORT, RUN
-from train.runs.pictures import draw_learning_curve
-from train.runs.report import describe_loops, headline, of_solved, write_report
 from train.settings.algorithms import Hyperparameters
 from train.settings.defaults import default_settings
 from train.settings.presets import TUNED, preset_task
@@ -74,6 +62,9 @@ def train(arguments: Sequence[str]) -> None:
     default = _defaults(arguments)
     form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
     given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
+    from train.commands.progress import finish_run, start_or_resume
+    from train.runs.folder import RUN
+
     started, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
     run = cast("Run[SingleAgent]", started)
     trainee = run.trainee
@@ -105,7 +96,11 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
 
 def present(run: Run[SingleAgent], content: Plain) -> None:
     """Write the figures, the report and the replay of a run; as `Run.present`."""
-    from train.runs.saved import load_settings  # torch is slow to import
+    from pursuit.rendering.animation import save_animation
+    from train.runs.folder import CURVE, REPLAY
+    from train.runs.pictures import draw_learning_curve
+    from train.runs.report import write_report
+    from train.runs.saved import load_settings
 
     trainee, folder, settings = run.trainee, run.folder, load_settings(run.folder)
     contest, teacher = trainee.contest, trainee.teacher
@@ -129,6 +124,12 @@ def present(run: Run[SingleAgent], content: Plain) -> None:
 
 def show(run: Run[SingleAgent], content: Plain) -> None:
     """Print the results of a run."""
+    from train.commands.progress import print_end
+    from train.commands.scores import print_objective_gap, print_reference, print_scores, print_team
+    from train.evaluation.scores import Score
+    from train.runs.folder import REPORT
+    from train.runs.report import describe_loops, headline, of_solved
+
     trainee = run.trainee
     print()
     scores = [Score(**score) for score in content["scores"]]

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from pursuit.replays.replay import Replay
-from pursuit.replays.viewer.data import Builder, Extras
 from pursuit.validation import at_least, check
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
@@ -19,9 +17,10 @@ from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
-from train.runs.folder import SELF_PLAY, SIDE, load_results, read_config
-from train.runs.report import write_report
 from train.settings.checks import Settings
+
+if TYPE_CHECKING:
+    from pursuit.replays.viewer.data import Builder
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,8 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
     check_new_files([given.out], given.overwrite)
+    from train.runs.folder import SIDE, read_config
+
     alone = len(given.paths) == 1 and given.paths[0].is_dir()
     alone = alone and read_config(given.paths[0])[0] != SIDE
     page = report_again(given.paths[0], given.out) if alone else together(given)
@@ -63,8 +64,10 @@ def view(arguments: Sequence[str]) -> None:
 def report_again(folder: Path, out: Path | None) -> Path:
     """Write the report of a run again, from the files in its folder."""
     from train.kinds import evaluate_runs, open_run, read_settings  # torch is slow to import
+    from train.runs.folder import SELF_PLAY, load_results
     from train.runs.opponents import load_policy
     from train.runs.parts import contest_of
+    from train.runs.report import write_report
     from train.runs.saved import load_settings, trains_team
     from train.self_play.report import write_self_play_report
 
@@ -83,6 +86,8 @@ def report_again(folder: Path, out: Path | None) -> Path:
 
 def together(given: ViewCommand) -> Path:
     """One page for several runs and replays."""
+    from pursuit.replays.viewer.data import Builder
+
     page = given.out or Path("replay.html")
     check_new_files([page], given.overwrite)
     builder = Builder()
@@ -112,6 +117,9 @@ def add_run(builder: Builder, folder: Path, episodes: int) -> None:
 
 def add_replay(builder: Builder, path: Path) -> None:
     """The episodes of a file."""
+    from pursuit.replays.replay import Replay
+    from pursuit.replays.viewer.data import Extras
+
     replay = Replay.load(path)
     labels = [each.label or f"episode {n + 1}" for n, each in enumerate(replay.episodes)]
     builder.add(replay, Extras(names=[f"{path.stem}, {label}" for label in labels]))

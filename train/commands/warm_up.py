@@ -12,9 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from numba.core import config, event
-
-from pursuit.compilation.kernel_cache import ROOT, KernelCache
 from pursuit.validation import check
 from train.commands.main import run_command
 from train.commands.parse import parse
@@ -70,6 +67,8 @@ class WarmUpCommand(Settings):
 def warm_up(arguments: Sequence[str]) -> None:
     """`pursuit warm-up`."""
     commands = CHASE | (OTHERS if parse(WarmUpCommand, arguments, "warm-up").all else {})
+    from numba.core import config  # slow to import
+
     check(
         not config.DISABLE_JIT, "NUMBA_DISABLE_JIT=1: nothing is compiled; unset it for the warm-up"
     )
@@ -86,6 +85,10 @@ def warm_up(arguments: Sequence[str]) -> None:
 
 def cache_folder() -> str:
     """Where kernels are saved; ValueError if they cannot be saved, or not where the user says."""
+    from numba.core import config  # slow to import
+
+    from pursuit.compilation.kernel_cache import ROOT, KernelCache
+
     named, folder = config.CACHE_DIR, Path()
     with contextlib.suppress(RuntimeError):  # of Numba: no folder can be written
         folder = Path(KernelCache(compile_for).cache_path)
@@ -100,6 +103,8 @@ def cache_folder() -> str:
 
 def compile_for(command: str, settings: str) -> tuple[int, float]:
     """Run a command with its files in a temporary folder: functions compiled, and seconds."""
+    from numba.core import event  # slow to import
+
     began, said, recorder = perf_counter(), io.StringIO(), event.RecordingListener()
     with (
         tempfile.TemporaryDirectory() as folder,

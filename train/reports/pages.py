@@ -8,8 +8,6 @@ from collections.abc import Iterable
 from html import escape, unescape
 from pathlib import Path
 
-import markdown
-
 from pursuit.replays.viewer.page import PLAYER, page
 from train.files import Plain, write_text
 from train.reports.tables import ResultTable, in_markdown, words
@@ -28,6 +26,8 @@ PLAYER_ELEMENT = Html('<div id="pursuit"></div>')
 
 def in_html(text: str) -> Html:
     """Convert Markdown with tables to HTML; HTML in the text is escaped."""
+    import markdown  # slow to import
+
     converter = markdown.Markdown(extensions=["tables"])
     converter.preprocessors.deregister("html_block")
     converter.inlinePatterns.deregister("html")

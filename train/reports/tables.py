@@ -12,9 +12,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from train.files import write_csv
 
 Row = dict[str, Any]
@@ -144,6 +141,9 @@ def print_table(table: ResultTable, width: int = 120) -> None:
 
     Texts that are too long for their column are wrapped.
     """
+    from rich.console import Console  # slow to import
+    from rich.table import Table
+
     grid = Table(box=None, pad_edge=False)
     for column in table.columns:
         grid.add_column(column.head, justify="left" if column.left else "right", overflow="fold")

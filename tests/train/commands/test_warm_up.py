@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 from command_errors import error_of, run
+from numba.core import config
 
+from pursuit.compilation import kernel_cache
 from train.commands import warm_up as command
 
 
@@ -22,7 +24,7 @@ def test_what_is_compiled_is_loaded_later(
     cache = tmp_path / "cache"
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))  # of the process that compiles
-    monkeypatch.setattr(command.config, "CACHE_DIR", str(cache))
+    monkeypatch.setattr(config, "CACHE_DIR", str(cache))
     monkeypatch.setattr(command, "CHASE", {"maze": "2x2"})
     run("warm-up")
     said = capsys.readouterr().out
@@ -56,9 +58,9 @@ def test_a_cache_that_cannot_be_written_is_an_error(
 
     (tmp_path / "file").touch()
     if named:
-        monkeypatch.setattr(command.config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
+        monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "file" / "cache"))
     else:
-        monkeypatch.setattr(command, "KernelCache", nowhere)
+        monkeypatch.setattr(kernel_cache, "KernelCache", nowhere)
     told = error_of(capsys, "warm-up")
     assert "NUMBA_CACHE_DIR=" in told and "kernels cannot be saved there" in told
     assert str(tmp_path) in told or not named

@@ -25,7 +25,6 @@ from command_errors import error_of, status_of
 from test_resumption import check_same
 
 from train.commands import progress
-from train.commands import train as train_command
 from train.experiments.identity import fingerprint
 from train.files import hold
 from train.kinds import open_run, read_settings, start
@@ -62,8 +61,8 @@ def copy_of(whole: Path, path: Path) -> Path:
 def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Replaces figures by empty files; other tests check their content."""
     drawn: Any = lambda path, *rest: path.write_bytes(b"picture")  # noqa: E731
-    monkeypatch.setattr(train_command, "draw_learning_curve", drawn)
-    monkeypatch.setattr(train_command, "save_animation", drawn)
+    monkeypatch.setattr("train.runs.pictures.draw_learning_curve", drawn)
+    monkeypatch.setattr("pursuit.rendering.animation.save_animation", drawn)
     monkeypatch.setattr(self_play_report, "draw_self_play", drawn)
 
 

@@ -139,7 +139,7 @@ def test_a_resumed_run_keeps_the_final_evaluation_of_its_first_command(
         raise Stop
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"train.commands.{command.replace('-', '_')}.finish_run", stop)
+        patch.setattr("train.commands.progress.finish_run", stop)
         for options in (
             [
                 *given,

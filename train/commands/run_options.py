@@ -1,0 +1,44 @@
+"""The options of the commands that train, apart from the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pursuit.validation import check
+from train.commands.parse import options_in
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCommand:
+    """Options of commands that train."""
+
+    out: Path | None = None
+    """New folder for the run. None: runs/NAME-TIME."""
+    resume: Path | None = None
+    """Resume the run in this folder, with its settings; only --episodes, --exact-seconds,
+    --report and --allow may be given as well."""
+    episodes: int | None = None
+    """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
+    the first command."""
+    exact_seconds: float | None = None
+    """Seconds that exact solutions of games of several agents may take at the end; 0 for none.
+    Those that take about a second are always made. None: no limit; with --resume that of the first
+    command."""
+    report: bool = True
+    """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
+
+
+def check_resumed(arguments: Sequence[str]) -> None:
+    """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
+    given = options_in(arguments)
+    if given.get("resume", "None") in ("None", "") or {"-h", "--help"} & {*arguments}:
+        return
+    applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
+    others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
+    check(
+        not others,
+        f"--resume {given['resume']} with {', '.join(others)}: a run is resumed with its own "
+        "settings; leave these options out, or start a new run without --resume",
+    )
