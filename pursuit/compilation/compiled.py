@@ -8,11 +8,15 @@ called: help texts and errors of options need none, and its import takes as long
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, partial, update_wrapper
+from functools import partial, update_wrapper
+from threading import RLock
 from typing import Any, TypeVar, cast
 
 ANY_ORDER = {"reassoc", "contract"}
 """Fast-math flags of LLVM: reorder floating-point sums, and fuse them with products."""
+
+MAKING = RLock()
+"""Held while a dispatcher is made, as threads may call a kernel for the first time together."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -78,14 +82,16 @@ class Kernel(partial[Any]):
     A `partial` of the dispatcher, as a method `__call__` would add a tenth of a microsecond.
     """
 
-    @cached_property
+    @property
     def dispatcher(self) -> Any:
         """Numba's dispatcher; the function itself with NUMBA_DISABLE_JIT=1."""
         from pursuit.compilation.compiler import entry, part  # slow to import
 
-        dispatcher = (part if self.is_part else entry)(self.py_func, **self.options)
-        self.__setstate__((dispatcher, (), {}, vars(self)))
-        return dispatcher
+        with MAKING:
+            if "made" not in vars(self):
+                self.made = (part if self.is_part else entry)(self.py_func, **self.options)
+                self.__setstate__((self.made, (), {}, vars(self)))
+        return self.made
 
     @property
     def _numba_type_(self) -> Any:
