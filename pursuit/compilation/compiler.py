@@ -122,11 +122,11 @@ class _PartCompiler(Compiler):
 
 USUAL = (
     {
-        "all_distances": 0.3, "step_games": 4.5, "fill_greedy_table": 0.6, "choose_actions": 1.2,
+        "all_distances": 0.3, "step_games": 3.7, "fill_greedy_table": 0.6, "choose_actions": 1.1,
         "list_entities": 0.4, "draw_actions": 0.4, "below_heads": 0.2, "clipped_loss": 0.6,
-        "first_layer_gradient": 0.2, "evaluate_rows": 0.4, "respond_rows": 1.1, "choose": 0.4,
+        "first_layer_gradient": 0.2, "evaluate_rows": 0.4, "respond_rows": 1.0, "choose": 0.4,
     },
-    {"fill_store": 5.0, "fill_games": 0.6, "fill_numbers": 0.4, "sweep": 1.1},
+    {"fill_store": 4.6, "fill_games": 0.5, "fill_numbers": 0.4, "sweep": 1.0},
 )  # fmt: skip
 """Kernels that take long to compile, and how many seconds on an AMD EPYC of 2.6 GHz: those of a
 first training, and those of exact solutions with options of the rules or several agents."""
