@@ -34,7 +34,7 @@ FIRST = {
     "self-play": f"self-play {SHORT}",
     "team": f"train --algorithm ippo --num-chasers 2 {SHORT}",
 }
-AGAIN = [f"train {SHORT}", "train --help", "--help", "--version", "demo"]
+AGAIN = ["train --frames 20000", f"train {SHORT}", "train --help", "--help", "--version", "demo"]
 IMPORTS = ["pursuit", "stable_baselines3", "pettingzoo.sisl.pursuit_v5"]
 CASES = {
     **{

@@ -20,15 +20,16 @@ def back_up(store: Store, state: int, work: Workspace, backup: Backup, values: A
     chances, chosen, bound, least = edge + ours * number, 0, np.inf, np.inf
     discount, worth = backup.discount if store.shape[state, 3] != 0 else 1.0, work.worth
     for own in range(ours):
+        first = np.uint64(pair + own * theirs)  # signed indices are checked for negative values
         for q in range(number):
-            worth[own, q] = 0.0
-        for other in range(theirs):
-            after = np.int64(store.following[pair + own * theirs + other])
-            if after >= 0:
-                for q in range(number):
-                    worth[own, q] += store.sides[chances + other] * values[after, q]
-        for q in range(number):
-            worth[own, q] = store.sides[edge + own * number + q] + discount * worth[own, q]
+            total, at, chance = 0.0, first, np.uint64(chances)
+            for _ in range(theirs):
+                after = np.int64(store.following[at])
+                if after >= 0:
+                    total += store.sides[chance] * values[after, q]
+                at += np.uint64(1)
+                chance += np.uint64(1)
+            worth[own, q] = store.sides[edge + own * number + q] + discount * total
     if store.slips.shape[0] > 0:
         slip_options(store, state, worth, False)
     for own in range(ours):
