@@ -72,8 +72,7 @@ def _later(function: Function, is_part: bool, **options: Any) -> Function:
         )
     kernel: Any = Kernel(lambda *arguments: kernel.dispatcher(*arguments))
     kernel.py_func, kernel.is_part, kernel.options = function, is_part, options
-    update_wrapper(kernel, function)
-    return cast(Function, kernel)
+    return cast(Function, update_wrapper(kernel, function))
 
 
 class Kernel(partial[Any]):

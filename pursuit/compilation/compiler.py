@@ -103,8 +103,7 @@ class _PartCompiler(Compiler):
 
     def define_pipelines(self) -> Any:
         """Numba's passes that parts need."""
-        found = super().define_pipelines()
-        for each in found:
+        for each in (found := super().define_pipelines()):
             each.passes = [step for step in each.passes if step[0] not in self.UNUSED]
         return found
 

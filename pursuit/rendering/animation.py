@@ -97,11 +97,8 @@ def _palette() -> Image.Image:
 
 
 def _indexed(scenes: Iterable[Drawable], size: int) -> Iterator[Image.Image]:
-    """The pictures as indices of `_palette`.
-
-    Agents that walk in circles play long episodes of few pictures: those of mazes are kept, and
-    only footers are drawn for every scene.
-    """
+    """The pictures as indices of `_palette`. Those of mazes are kept and get new footers, as agents
+    that walk in circles play long episodes of few pictures."""
 
     def indexed(image: Image.Image) -> Image.Image:
         return image.quantize(palette=_palette(), dither=Image.Dither.NONE)

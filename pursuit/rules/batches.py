@@ -126,8 +126,7 @@ def finish_for(options_in: Any) -> Any:
         start them."""
         rules, listed = start_rules_of(numbers, options_in(numbers)), memory.pending[LISTED]
         by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
-        for number in range(listed.shape[0]):
-            game = listed[number]
+        for game in listed:
             if game < 0:
                 break
             if mode == START:
@@ -175,8 +174,7 @@ def is_contiguous(strides: tuple[int, ...], layers: int, width: int, size: int) 
 
 @inlined
 def natural(number: int) -> int:
-    """The number, in a form that the compiler knows not to be negative, which saves checks of
-    indices."""
+    """The number, in a form that the compiler knows not to be negative: it checks no indices."""
     return np.int64(np.uint32(number))
 
 
@@ -200,10 +198,8 @@ def step_each_by(step_once: Any) -> Any:
         memory: Memory, goals: Any, actions: Ints, rules: StepRules, world: World,
         scratch: Ints, skip_ended: bool,
     ) -> None:  # fmt: skip
-        """Step every game, or every game that has not ended if `skip_ended`; list those that end.
-
-        The list is made without branches, as the processor could not predict them.
-        """
+        """Step every game, or every game that has not ended if `skip_ended`; list those that end,
+        without branches, as the processor could not predict them."""
         by_rule, by_time = memory.flags[ENDED_BY_RULE], memory.flags[ENDED_BY_TIME]
         listed, ended = memory.pending[LISTED], np.uint64(0)
         for number in range(actions.shape[0]):
@@ -270,11 +266,9 @@ def entry_for(chasers: int, evaders: int, runners: int, goals: int, plain: bool)
         own_goals = None if goals == 0 else memory.goals
         skip_ended = mode == NO_RESTART
         if plain:
-            if mode == START:
-                pass
-            elif chased:
+            if chased and mode != START:
                 step_each_plainly(memory, own_goals, actions, rules, world, scratch, skip_ended)
-            else:
+            elif mode != START:
                 step_each_runner(memory, own_goals, actions, rules, world, scratch, skip_ended)
             finish_plainly(memory, own_goals, numbers, world, scratch, mode)
         else:

@@ -92,11 +92,8 @@ def settle(
     turn: Turn, goals: Goals, rewards: Earned, num_captured: int | None, num_escaped: int | None
 ) -> int:
     """Collect goals, write rewards and the new state, given the decisions on moves, captures and
-    escapes; return as `step`.
-
-    `num_escaped` is None without options of the rules, `num_captured` without evaders: what can not
-    occur is not compiled.
-    """
+    escapes; return as `step`. Rules of captures are not compiled without evaders, where
+    `num_captured` is None, and those of escapes and touches not without options (`num_escaped`)."""
     rules, plan = turn.rules, turn.plan
     teams, steps = rules.teams, turn.clocks[STEPS] + 1
     collected, goals_left = decide_goals(turn, goals)

@@ -171,15 +171,12 @@ def is_instance(typ: Any, value: Any) -> bool:
     origin = get_origin(typ)
     if origin is UnionType:
         return any(is_instance(each, value) for each in get_args(typ))
-    if typ is Any or isinstance(origin, type):
-        return typ is Any or isinstance(value, origin)
-    return tyros_is_instance(typ, value)
+    return typ is Any or tyros_is_instance(origin if isinstance(origin, type) else typ, value)
 
 
-RESOLVER: Any = getattr(tyro, "_resolver", None)  # as of the versions of tyro so far
+RESOLVER: Any = getattr(tyro, "_resolver", tyro)  # as of the versions of tyro so far
 tyros_is_instance: Callable[[Any, Any], bool] = getattr(RESOLVER, "is_instance", isinstance)
-if RESOLVER is not None:
-    RESOLVER.is_instance = is_instance
+RESOLVER.is_instance = is_instance
 
 
 def join_lines(text: str) -> str:
@@ -191,9 +188,8 @@ def join_lines(text: str) -> str:
 def set_help_texts(form: Any, wanted: bool) -> None:
     """Make the docstrings of a dataclass's fields their help texts, with joined lines.
 
-    tyro finds these docstrings, too, but keeps the line breaks of an indented source. For the
-    message of an error it reads those of all fields without a text, of which it prints only those
-    of options that are required.
+    tyro finds them, too, but keeps line breaks; for the message of an error it reads those of all
+    fields without a text, and prints those of required options.
     """
     texts = {
         part.arg_name: join_lines(part.description or "")

@@ -27,8 +27,7 @@ def back_up(store: Store, state: int, work: Workspace, backup: Backup, values: A
                 after = np.int64(store.following[at])
                 if after >= 0:
                     total += store.sides[chance] * values[after, q]
-                at += np.uint64(1)
-                chance += np.uint64(1)
+                at, chance = at + np.uint64(1), chance + np.uint64(1)
             worth[own, q] = store.sides[edge + own * number + q] + discount * total
     if store.slips.shape[0] > 0:
         slip_options(store, state, worth, False)
