@@ -49,7 +49,8 @@ def raised(paid):
     return paid + {reward}
 """
 ANNOUNCEMENT = (
-    "pursuit: compiling kernels (once per machine and kind of game), up to about 10 s remain ...\n"
+    "pursuit: compiling kernels (once per machine and kind of game), up to about "
+    f"{sum(compiler.USUAL[0].values()):.0f} s remain ...\n"
 )
 
 
