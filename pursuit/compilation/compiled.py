@@ -70,7 +70,7 @@ def _later(function: Function, is_part: bool, **options: Any) -> Function:
             f"{function.__name__}: name compiled functions in the module, as a kernel "
             "that encloses them is not found again on disk"
         )
-    kernel: Any = Kernel(lambda *arguments: kernel.dispatcher(*arguments))
+    kernel: Any = Kernel(lambda *args, **named: kernel.dispatcher(*args, **named))
     kernel.py_func, kernel.is_part, kernel.options = function, is_part, options
     return cast(Function, update_wrapper(kernel, function))
 

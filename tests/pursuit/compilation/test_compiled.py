@@ -10,7 +10,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
 
 import pursuit
@@ -18,6 +20,7 @@ import scripted_agents
 from pursuit import siblings
 from pursuit.compilation import compiled, compiler, kernel_cache
 from pursuit.compilation.compiled import Kernel
+from scripted_agents.exact.tours.kernels import held_karp
 
 KERNEL = """
 from pursuit.compilation.compiled import compiled
@@ -192,3 +195,9 @@ def test_the_stamp_covers_every_kernel_that_a_kernel_calls() -> None:
                     elsewhere += home != own
                     assert home in kernel_cache.imported_files(own)
     assert calls > 100 and elsewhere > 50
+
+
+def test_the_first_call_of_a_kernel_takes_names_of_arguments() -> None:
+    fresh: Any = compiled.compiled(held_karp.py_func)  # type: ignore[attr-defined]
+    between, best = np.array([[0, 3], [3, 0]], dtype=np.int32), np.zeros((2, 1), dtype=np.int32)
+    assert fresh(between=between, num_goals=1, best=best) == 3
