@@ -259,7 +259,7 @@ def test_networks_learn_from_it(observation: str, algorithm: str) -> None:
     trainee = SingleAgent(parts_of(settings), "greedy")
     table = trainee.policy.action_probabilities(pursuit.load_maze("3x3"))  # of all pairs of cells
     before = [weight.clone() for weight in trainee.learner.network.parameters()]
-    trainee.iterate(SimpleNamespace(progress=0.0, seconds=0.0))
+    trainee.iterate(SimpleNamespace(progress=0.0, scheduled=0.0, seconds=0.0))
     after = trainee.learner.network.parameters()
     assert not all(torch.equal(*pair) for pair in zip(before, after, strict=True))
     assert table.shape == (9, 9, 4)

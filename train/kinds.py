@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from pursuit.plugins import reading
 from pursuit.validation import as_path, check, one_of, shortened
 from scripted_agents.exact.long_work import Tell
-from train.files import Plain, hold, remove_leftovers
+from train.files import Plain, hold, read_json, remove_leftovers, write_json
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -25,20 +28,22 @@ from train.runs.folder import (
     check_new,
     is_complete,
     load_checkpoint,
-    load_final,
+    load_config,
     load_results,
     read_config,
     save_config,
+    sha256_in,
 )
-from train.runs.forms import Final
-from train.runs.loop import Run, build_parts, build_run
+from train.runs.forms import Final, Longer
+from train.runs.loop import Budget, Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
-from train.runs.provenance import check_parts, check_sources
+from train.runs.provenance import check_parts, check_sources, command_line
 from train.runs.saved import from_plain
 from train.runs.single import single_agent
 from train.runs.unused_settings import check_unused_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
 from train.self_play.trainee import SelfPlay
+from train.settings.common import RunSettings
 from train.settings.mazes import as_text, names_in
 from train.settings.run import TrainSettings
 from train.settings.self_play import SelfPlayBase, WholeSettings
@@ -131,7 +136,8 @@ def write_config(
     """Write `config.json`, with maze files replaced by their text."""
     own: Any = with_mazes(settings)
     plain = replace(own, task=settings.task)
-    save_config(folder, kind, plain, settings.task.maze_text, final)
+    source = None if settings.init_from is None else sha256_in(Path(settings.init_from))
+    save_config(folder, kind, plain, settings.task.maze_text, final, source)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:
@@ -154,11 +160,26 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
         return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
 
 
-def open_run(folder: Path | str) -> Run:
+def open_run(
+    folder: Path | str,
+    frames: int | None = None,
+    seconds: float | None = None,
+    stretch: bool = False,
+) -> Run:
     """Lock the run in a folder and load it from its checkpoint, or make it new without one.
 
+    With `frames` or `seconds` the run goes on with this longer budget, from its checkpoint.
+    Evaluations and kept policies are at even shares of the new budget from then on, snapshots of
+    self-play in the same distances as before.
+
+    Args:
+        folder: of the run.
+        frames, seconds: the new budget, in the unit of the run's.
+        stretch: whether schedules extend over the new budget; by default they keep their end.
+
     Raises:
-        ValueError: there is no run, it is damaged, or it is used by another process.
+        ValueError: there is no run, it is damaged, or it is used by another process; a budget that
+            is not longer, or in another unit.
     """
     folder = as_path("folder", folder)
     kind, settings = read_settings(folder)
@@ -167,17 +188,93 @@ def open_run(folder: Path | str) -> Run:
     lock = hold(folder, "run", shared=True)
     remove_leftovers(folder)
     state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
+    longer = load_config(folder).longer
+    if extended := frames is not None or seconds is not None:
+        settings, longer = with_budget(folder, settings, longer, frames, seconds, stretch)
+    if longer and state is not None:  # checkpoints of earlier versions do not have it
+        state.setdefault("budget", longer[0].budget)
+    if state is None:
+        check_init(folder, settings)
+    how = {"budget": Budget.of(settings, longer)} if longer else {}
     try:
         with reading(folder / CONFIG):
-            run: Run = own.run_of(own.parts_of(settings), folder, state)
+            run: Run = own.run_of(own.parts_of(settings), folder, state, **how)
     except ValueError as error:
         raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock
+    if extended:
+        write_longer(run, settings, longer)
     return run
 
 
-def resume(folder: Path | str, kind: str) -> Run:
-    """Open the run in `folder` for resuming, also if only results or figures are missing.
+def with_budget(
+    folder: Path,
+    settings: WholeSettings,
+    longer: Sequence[Longer],
+    frames: int | None,
+    seconds: float | None,
+    stretch: bool,
+) -> tuple[WholeSettings, list[Longer]]:
+    """The settings with a longer budget, and the list of such changes; ValueError as `open_run`."""
+    check(
+        isinstance(settings, RunSettings),
+        f"{folder}: is a run of a comparison; its budget is that of the study file",
+    )
+    unit = settings.budget_unit
+    given, other = (frames, seconds) if unit == "frames" else (seconds, frames)
+    new: Plain = {unit: given}
+    check(
+        given is not None and other is None,
+        f"{folder}: its budget is in {unit}; give a longer one by --{unit}",
+    )
+    changed: Any = replace(settings, **new)
+    check(
+        changed.budget > settings.budget,
+        f"{folder}: {unit}={changed.budget:g} is not longer than its budget of "
+        f"{settings.budget:g} {unit}; give more",
+    )
+    if not stretch and any(hyper.ends_at_zero for hyper in settings.learners):
+        warnings.warn(
+            f"{folder}: the learning rate was annealed to 0 and stays there; add --stretch, or "
+            f"start a new run from its weights by --init-from {folder}",
+            stacklevel=3,
+        )
+    digest = sha256_in(folder) if (folder / CHECKPOINT).exists() else None
+    return changed, [*longer, Longer(settings.budget, 0, stretch, digest, command_line())]
+
+
+def write_longer(run: Run, settings: WholeSettings, longer: Sequence[Longer]) -> None:
+    """Write the new budget of a run into `config.json`; its results are outdated from then on."""
+    folder = run.folder
+    if (folder / RESULTS).exists():
+        old = {"outdated": True, "interrupted": True}
+        write_json(folder / RESULTS, load_results(folder) | old)
+    last = msgspec.structs.replace(longer[-1], at=run.trainee.frames)
+    changes: Plain = {settings.budget_unit: getattr(settings, settings.budget_unit)}
+    changes["longer"] = msgspec.to_builtins([*longer[:-1], last])
+    for path in [*folder.glob(f"*/{CONFIG}"), folder / CONFIG]:  # those of sides first
+        write_json(path, read_json(path) | changes)
+
+
+def check_init(folder: Path, settings: WholeSettings) -> None:
+    """ValueError unless a run without a checkpoint can start from the same weights again."""
+    before, source = load_config(folder).init_sha256, settings.init_from
+    check(
+        source is None or before == sha256_in(Path(source)),
+        f"{folder}: has no checkpoint yet, and init_from={source!r} has other weights than when it "
+        "was started; start a new run",
+    )
+
+
+def resume(
+    folder: Path | str,
+    kind: str,
+    frames: int | None = None,
+    seconds: float | None = None,
+    stretch: bool = False,
+) -> Run:
+    """Open the run in `folder` for resuming, also if only results or figures are missing, or with
+    a longer budget, as `open_run`.
 
     Raises:
         ValueError: there is no run, or it is damaged, of another kind, or complete.
@@ -190,11 +287,14 @@ def resume(folder: Path | str, kind: str) -> Run:
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
     drawn = all((folder / name).exists() for name in KINDS[kind].pictures)
+    longer = frames is not None or seconds is not None
     check(
-        not is_complete(folder) or not drawn,
-        f"{folder}: complete; its budget is spent. See {folder / RESULTS}",
+        longer or not is_complete(folder) or not drawn,
+        f"{folder}: complete; its budget is spent. See {folder / RESULTS}, or go on with a longer "
+        f"one: --resume {folder} --frames or --seconds",
     )
-    return open_run(folder)
+    check(longer or not stretch, "--stretch needs a longer budget; add --frames or --seconds")
+    return open_run(folder, frames, seconds, stretch)
 
 
 def evaluate_runs(folders: Iterable[Path], tell: Tell) -> None:
@@ -219,4 +319,4 @@ def evaluate_runs(folders: Iterable[Path], tell: Tell) -> None:
     for folder in missing:
         run = open_run(folder)
         with contextlib.closing(run.trainee), run.lock or contextlib.nullcontext():
-            run.results(**load_final(folder).arguments(), tell=tell)
+            run.results(**load_config(folder).final.arguments(), tell=tell)

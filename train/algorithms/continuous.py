@@ -138,6 +138,7 @@ class DDPG(ContinuousLearner[DeterministicActor]):
 
     FORM = DeterministicActor
     CRITICS = 1
+    COPIES = ("target_actor",)
     NO_DISTRIBUTION = "ddpg and td3 learn no distribution over actions"
 
     def __init__(self, settings: ContinuousSettings, env: VecEnv, options: Build) -> None:

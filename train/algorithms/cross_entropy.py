@@ -161,6 +161,11 @@ class CrossEntropy:
         self.frames = state["frames"]
         self.env.resume = False
 
+    def start_from(self, state: StateDict) -> None:
+        """As `Learner`: the mean of the distribution."""
+        self.network.load_state_dict(state["network"])
+        self.mean = parameters_to_vector(self._searched.values()).detach().clone()
+
     def close(self) -> None:
         """Nothing to release."""
 

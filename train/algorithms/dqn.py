@@ -33,6 +33,7 @@ class DQN(OffPolicyLearner):
     """
 
     NO_DISTRIBUTION: ClassVar[str] = "dqn learns no distribution over actions"
+    COPIES: ClassVar[tuple[str, ...]] = ("target",)
     settings: DQNSettings
     network: QNetwork
 

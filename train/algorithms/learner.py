@@ -109,6 +109,10 @@ class Learner(Protocol):
     def load_state_dict(self, state: StateDict) -> None:
         """Restore a `state_dict`; raises one of `MISFITS` where it does not match."""
 
+    def start_from(self, state: StateDict) -> None:
+        """Start from the weights in the state of another learner, which may be of other games and
+        hyperparameters; raises one of `MISFITS` where they do not fit."""
+
     def close(self) -> None:
         """Release resources."""
 
@@ -199,10 +203,12 @@ class LearnedNetwork:
         env, network: the arguments.
         optimizer: of the network.
         COUNTERS: the numbers in checkpoints, by the names of attributes.
+        COPIES: the parts that begin as copies of the network.
         NO_DISTRIBUTION: why `policy` must be greedy; "" if it need not be.
     """
 
     COUNTERS: ClassVar[tuple[str, ...]] = ("frames",)
+    COPIES: ClassVar[tuple[str, ...]] = ()
     NO_DISTRIBUTION: ClassVar[str] = ""
     optimizer: Any
 
@@ -230,6 +236,12 @@ class LearnedNetwork:
             part.load_state_dict(state[name])
         for name in self.COUNTERS:
             setattr(self, name, state[name])
+
+    def start_from(self, state: StateDict) -> None:
+        """As `Learner`."""
+        own = self.parts()
+        for name in ("network", *self.COPIES):
+            own[name].load_state_dict(state["network"])
 
     def close(self) -> None:
         """Nothing to release."""

@@ -38,6 +38,7 @@ class NFSP(DQN):
         responding: [games] bool, which games are played by the best response.
     """
 
+    COPIES: ClassVar[tuple[str, ...]] = ()
     NO_DISTRIBUTION: ClassVar[str] = ""
     settings: NFSPSettings
 

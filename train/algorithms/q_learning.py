@@ -125,6 +125,12 @@ class QLearning:
         self._streams[:] = state["streams"].numpy().view(np.uint64)
         self.frames = state["frames"]
 
+    def start_from(self, state: StateDict) -> None:
+        """As `Learner`: the table."""
+        saved, own = tuple(state["q_values"].shape), self.q_values.shape
+        check(saved == own, f"its table has shape {saved} instead of {own}")
+        self.q_values[:] = state["q_values"].numpy()
+
     def close(self) -> None:
         """Nothing to release."""
 

@@ -87,6 +87,11 @@ class Algorithm:
         """Whether it learns for all agents of the role in `train` too: it has `TeamSettings`."""
         return issubclass(self.settings, TeamSettings)
 
+    def policy_state(self, state: StateDict) -> StateDict:
+        """What `load` reads of a learner's state: of our networks the weights alone."""
+        ours = is_ours(getattr(self.build, "__module__", "")) and "network" in state
+        return {"network": state["network"]} if ours else state
+
     @property
     def env_form(self) -> type[BatchEnv]:
         """The class of its environment, unless it has its own loop: for a learner of a user

@@ -45,6 +45,7 @@ class ReferencePPO(PPO):
     """
 
     COUNTERS: ClassVar[tuple[str, ...]] = (*PPO.COUNTERS, "iterations")
+    COPIES: ClassVar[tuple[str, ...]] = ("reference",)
     settings: ReferenceSettings
 
     def __init__(

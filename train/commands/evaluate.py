@@ -19,7 +19,7 @@ from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
-from train.settings.checks import Settings, check_default
+from train.settings.checks import Settings, check_default, evaluation_seed
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, with_values
 
@@ -43,8 +43,9 @@ class Evaluated(Settings):
     exact_seconds: Annotated[float | None, at_least(0)] = None
     """Seconds that exact solutions of games of several agents in one maze may take; 0 for none.
     Those that take about a second are always made. None: no limit."""
-    seed: int = 0
-    """Seed of these episodes; 0 as in all evaluations. Training never uses their starts."""
+    seed: int | None = None
+    """Seed of these episodes. None: 0 as in all evaluations, 1 with --at best, so that starts are
+    not those that chose it. Training never uses their starts."""
     table: Path | None = None
     """For a suite of mazes: write the results by maze to this new .csv file."""
     out: Path | None = None
@@ -65,6 +66,9 @@ class EvaluateCommand(Evaluated):
     policies of all sides against each other, with NashConv where it is known.
     """
 
+    at: str | None = None
+    """The policy that was kept at so many frames (--checkpoints, or the snapshots of self-play), or
+    best: that with the best evaluation during training, which is scored on other starts."""
     opponent: Annotated[str | None, AGENT] = None
     """Other opponents, as for `pursuit train`. None: those of training; for one side of self-play
     the other sides of the run."""
@@ -119,6 +123,14 @@ def evaluate(arguments: Sequence[str]) -> None:
             write_json(given.out, {**content, "versions": versions(), "machine": machine()})
 
 
+def seed_of(given: EvaluateCommand | EvaluateModelCommand) -> int:
+    """The seed of the episodes."""
+    from train.runs.folder import BEST
+
+    is_best = isinstance(given, EvaluateCommand) and given.at == BEST
+    return int(is_best) if given.seed is None else given.seed
+
+
 def evaluate_players(given: EvaluateCommand) -> Plain:
     """Print the evaluation of a whole run of self-play, exact if possible; the results."""
     names = (*OPPONENT, "maze", "replays", "table", "exact_seconds")
@@ -126,7 +138,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     check_default(given, EvaluateCommand, names, why)
     from train.evaluation.sides import Profile, ResultLimits
     from train.runs.folder import CONFIG, read_config
-    from train.runs.opponents import policy_of  # torch is slow to import
+    from train.runs.opponents import SAVED, policy_of, saved_at  # torch is slow to import
     from train.runs.provenance import check_parts
     from train.self_play.parts import game_of_all, self_play_from_plain
 
@@ -136,8 +148,15 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     with reading(config):
         settings = self_play_from_plain(plain, str(config))
     game, run = game_of_all(settings.task, settings.discount), str(given.run)
-    players = {name: policy_of(settings.task, run, game.task, name) for name in settings.sides}
-    found = game.evaluate(Profile(players, ()), given.episodes, ResultLimits().evaluated_work)
+    saved = {
+        name: saved_at(given.at) if name in settings.learning else SAVED for name in settings.sides
+    }
+    players = {
+        name: policy_of(settings.task, run, game.task, name, saved=own)
+        for name, own in saved.items()
+    }
+    how = (given.episodes, ResultLimits().evaluated_work, evaluation_seed(seed_of(given)))
+    found = game.evaluate(Profile(players, ()), *how)
     content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
     if isinstance(unknown := game.nash_conv(players), Missing):
         content["not_exact"] = unknown.reason
@@ -153,7 +172,7 @@ def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
 
     loaded = load_run(given)
     found: list[Plain] = [
-        {"policy": name, **play_pursuit_v5(policy, given.episodes, given.seed).summary()}
+        {"policy": name, **play_pursuit_v5(policy, given.episodes, seed_of(given)).summary()}
         for name, policy in loaded.policies.items()
     ]
     print(f"PettingZoo pursuit_v5 with its defaults, {given.episodes} episodes")
@@ -185,7 +204,7 @@ def evaluate_and_print(
     loaded = load_run(given) if isinstance(given, EvaluateCommand) else load_model(given)
     task, training, policies = loaded.task, loaded.training, loaded.policies
     evaluated = "learned" if loaded.greedy else "learned, sampled"
-    contest = contest_of(task, given.episodes, given.seed, loaded.team)
+    contest = contest_of(task, given.episodes, seed_of(given), loaded.team)
     contest = contest.solved_up_to(MAX_EVALUATED_WORK)
     check(replays is None or not contest.NO_REPLAY, f"--replays takes {contest.NO_REPLAY}")
     more: Plain = {}
@@ -264,7 +283,7 @@ def load_run(given: EvaluateCommand) -> Loaded:
     from train.runs.saved import evaluated_settings, trains_team
 
     settings = evaluated_settings(given.run, others=given.opponent is not None)
-    policy = load_policy(given.run)
+    policy = load_policy(given.run, at=given.at)
     whole_team = trains_team(given.run)
     check(
         whole_team or given.teammates != "learned",
@@ -284,7 +303,7 @@ def load_run(given: EvaluateCommand) -> Loaded:
         settings = replace(settings, task=task)
     policies = {"learned": policy}
     if entry(settings.algorithm).learns_distribution:
-        policies["learned, sampled"] = load_policy(given.run, greedy=False)
+        policies["learned, sampled"] = load_policy(given.run, greedy=False, at=given.at)
     training = settings.task
     if given.maze is not None:
         played = with_values(settings.task, f"--maze {given.maze}", maze=given.maze)

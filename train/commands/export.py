@@ -23,6 +23,8 @@ class ExportCommand:
 
     run: Annotated[Path | None, tyro.conf.Positional, passes(check_folder)] = None
     """The folder of the run."""
+    at: str | None = None
+    """The policy that was kept at so many frames, or best; as in pursuit evaluate."""
     out: Path = Path("policy.onnx")
     """A new .onnx or .pt2 file."""
     overwrite: bool = False
@@ -37,7 +39,7 @@ def export(arguments: Sequence[str]) -> None:
     from train.runs.export import export_policy
     from train.runs.opponents import load_policy
 
-    policy = load_policy(str(given.run))
+    policy = load_policy(str(given.run), at=given.at)
     path = export_policy(policy, given.out)
     features = policy.seat.features
     shape = ", ".join(map(str, ("batch", *features.shape)))

@@ -40,6 +40,9 @@ class LeagueCommand(Settings):
 
     entries: Annotated[tuple[str, ...], MEMBERS, tyro.conf.Positional] = ()
     """Folders of runs, and names of scripted agents."""
+    at: tuple[str, ...] = ()
+    """Times of training of which policies of runs play, each as an entry of its own: frames at
+    which they were kept, or best; as in pursuit evaluate. None: the last ones."""
     maze: str | None = None
     """The maze, if no run is given. None: 5x5."""
     game: str | None = None
@@ -84,7 +87,7 @@ def league(arguments: Sequence[str]) -> None:
         check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")
     how = (given.maze, given.opponent_epsilon, given.greedy, given.names)
     models = (given.model_roles, given.model_observations)
-    game, entered = enter(names, *how, *models, given.game)
+    game, entered = enter(names, *how, *models, given.game, given.at)
     place, max_steps, where = game.place(), game.task.max_steps, game.describe_game()
     lock = hold(out, "league")
     table = play_league(game, entered, given.games, given.seed)

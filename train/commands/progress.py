@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from math import isnan
 from pathlib import Path
@@ -11,6 +11,7 @@ from shlex import quote
 from time import perf_counter, strftime
 from typing import TYPE_CHECKING, TypeVar
 
+from train.commands.parse import options_in
 from train.commands.run_options import RunCommand
 from train.files import Plain, check_folder
 
@@ -90,7 +91,7 @@ class TrainingProgress:
 
 
 def start_or_resume(
-    kind: str, settings: WholeSettings, given: RunCommand, name: str
+    kind: str, settings: WholeSettings, given: RunCommand, arguments: Sequence[str], name: str
 ) -> tuple[Run, Final]:
     """The run that a command starts or resumes, and the settings of its final results.
 
@@ -98,18 +99,19 @@ def start_or_resume(
         kind: of the run.
         settings: of a new run.
         given: the command.
+        arguments: of the command.
         name: of a new run's folder, without the time.
 
     Raises:
         ValueError: settings that cannot run, too few episodes, a folder that is not empty, or no
             run to resume.
     """
-    from train.runs.folder import CONFIG, check_new, load_final
+    from train.runs.folder import CONFIG, check_new, load_config
     from train.runs.forms import Final
 
     final, folder = Final(), given.resume
     if folder is not None and (folder / CONFIG).exists():
-        final = load_final(folder)
+        final = load_config(folder).final
     own = {n: v for n in Final.__struct_fields__ if (v := getattr(given, n)) is not None}
     final = Final(**{**final.arguments(), **own})
     out = given.out or Path("runs") / f"{name}-{strftime('%Y%m%d-%H%M%S')}"
@@ -119,7 +121,12 @@ def start_or_resume(
         check_folder(folder)
     from train.kinds import resume, start  # torch is slow to import
 
-    run = start(kind, settings, out, final) if folder is None else resume(folder, kind)
+    if folder is None:
+        run = start(kind, settings, out, final)
+    else:
+        budget = {*options_in(arguments)} & {"frames", "seconds"}
+        new = {name: getattr(settings, name) for name in budget}
+        run = resume(folder, kind, stretch=given.stretch, **new)
     return run, final
 
 
@@ -172,10 +179,16 @@ def finish_run(
     return content
 
 
-def print_end(files: str, folder: Path) -> None:
-    """Print which files a run has written, and the command that shows them."""
+def print_end(files: str, folder: Path, content: Plain) -> None:
+    """Print which files a run has written, the best policy that it kept, and the command that
+    shows the files."""
     from train.runs.folder import CONFIG
     from train.runs.provenance import allow_options
 
+    if best := content.get("best"):
+        aim, frames = content["objective"], f"{best['frames']:,}"
+        how = "exact" if best.get("exact") else "on other starts than those that chose it"
+        value = f"{aim['column']} {best[aim['column']]:.4g} ({how})"
+        print(f"best kept policy: at {frames} frames, {value}; use it by --at best")
     print(f"{files}: {folder}")
     print(f"look: pursuit view{allow_options(folder / CONFIG)} {quote(str(folder))}")

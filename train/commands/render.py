@@ -25,6 +25,8 @@ class RenderCommand(Settings):
     run: Annotated[Path | None, tyro.conf.Positional, passes(check_folder)] = None
     """The folder of the run; by default the scripted agents play."""
     task: AnyTask = field(default_factory=TaskSettings)
+    at: str | None = None
+    """The policy that was kept at so many frames, or best; as in pursuit evaluate."""
     out: Path = Path("replay.gif")
     """A new .gif or .mp4 file."""
     overwrite: bool = False
@@ -41,6 +43,7 @@ def render(arguments: Sequence[str]) -> None:
     default = RenderCommand(task=default_task(options))
     given = parse(RenderCommand, arguments, "render", default)
     check_new_files([given.out], given.overwrite)
+    check(given.run is not None or given.at is None, "--at is for a run; give its folder")
     if given.run is not None:
         own = names_of(type(given.task))
         named = [f"--{name.replace('_', '-')}" for name in options if name in own]
@@ -56,7 +59,7 @@ def render(arguments: Sequence[str]) -> None:
 
     policy: Any  # of the kind of its contest
     if given.run is not None:
-        policy, task = load_policy(given.run), evaluated_settings(given.run).task
+        policy, task = load_policy(given.run, at=given.at), evaluated_settings(given.run).task
         contest = contest_of(task, 2, team=trains_team(given.run))
     else:
         given.task.check_used()

@@ -17,8 +17,12 @@ class RunCommand:
     out: Path | None = None
     """New folder for the run. None: runs/NAME-TIME."""
     resume: Path | None = None
-    """Resume the run in this folder, with its settings; only --episodes, --exact-seconds,
-    --report and --allow may be given as well."""
+    """Resume the run in this folder, with its settings. With --frames or --seconds it goes on with
+    this longer budget; otherwise only --episodes, --exact-seconds, --report and --allow may be
+    given as well."""
+    stretch: bool = False
+    """With --resume and a longer budget: schedules, as of the learning rate and the curriculum,
+    extend over the new budget. By default they keep their end."""
     episodes: int | None = None
     """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
     the first command."""
@@ -36,9 +40,11 @@ def check_resumed(arguments: Sequence[str]) -> None:
     if given.get("resume", "None") in ("None", "") or {"-h", "--help"} & {*arguments}:
         return
     applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
+    applied |= {"frames", "seconds", "stretch"}
     others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
     check(
         not others,
         f"--resume {given['resume']} with {', '.join(others)}: a run is resumed with its own "
-        "settings; leave these options out, or start a new run without --resume",
+        "settings; leave these options out, or start a new run from its weights by "
+        f"--init-from {given['resume']}",
     )

@@ -95,7 +95,7 @@ def self_play(arguments: Sequence[str]) -> None:
     from train.runs.folder import SELF_PLAY
 
     label = f"self-play-{settings.task.game_label}"
-    started, final = start_or_resume(SELF_PLAY, settings, given, label)
+    started, final = start_or_resume(SELF_PLAY, settings, given, arguments, label)
     run = cast("Run[SelfPlay]", started)
     print(f"self-play: {run.trainee.game.line()}; opponents: {run.trainee.settings.sampling}")
     for line in describe_mixing(run.trainee.game.mixed_share()):
@@ -214,4 +214,5 @@ def show(run: Run[SelfPlay], content: Plain) -> None:
         if each.legend:
             print(each.legend)
     print("", *game.describe(content), sep="\n")
-    print_end(f"results{'' if run.present is None else f', curve and {REPORT}'}", run.folder)
+    files = f"results{'' if run.present is None else f', curve and {REPORT}'}"
+    print_end(files, run.folder, content)

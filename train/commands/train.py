@@ -65,7 +65,9 @@ def train(arguments: Sequence[str]) -> None:
     from train.commands.progress import finish_run, start_or_resume
     from train.runs.folder import RUN
 
-    started, final = start_or_resume(RUN, given.settings, given, given.settings.task.label)
+    started, final = start_or_resume(
+        RUN, given.settings, given, arguments, given.settings.task.label
+    )
     run = cast("Run[SingleAgent]", started)
     trainee = run.trainee
     print(trainee.contest.line())
@@ -154,4 +156,4 @@ def show(run: Run[SingleAgent], content: Plain) -> None:
     print_team(content)
     print_objective_gap(evaluation, trainee.parts.hyper.last_gamma)
     files = "results" if run.present is None else f"results, curve, replay and {REPORT}"
-    print_end(files, run.folder)
+    print_end(files, run.folder, content)

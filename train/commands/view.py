@@ -34,6 +34,8 @@ class ViewCommand(Settings):
 
     paths: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders of runs, and replays (.json)."""
+    at: str | None = None
+    """Play policies that were kept at so many frames, or best; as in pursuit evaluate."""
     out: Path | None = None
     """The output page; by default report.html of a run, otherwise replay.html."""
     episodes: Annotated[int, at_least(1)] = 4
@@ -51,10 +53,10 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
     check_new_files([given.out], given.overwrite)
-    from train.runs.folder import SIDE, read_config
+    from train.runs.folder import KEPT, SIDE, read_config
 
-    alone = len(given.paths) == 1 and given.paths[0].is_dir()
-    alone = alone and read_config(given.paths[0])[0] != SIDE
+    alone = len(given.paths) == 1 and given.paths[0].is_dir() and given.at is None
+    alone = alone and read_config(given.paths[0])[0] not in (SIDE, KEPT)
     page = report_again(given.paths[0], given.out) if alone else together(given)
     print(f"page: {page}")
     if given.open:
@@ -92,7 +94,7 @@ def together(given: ViewCommand) -> Path:
     check_new_files([page], given.overwrite)
     builder = Builder()
     for path in given.paths:
-        add_run(builder, path, given.episodes) if path.is_dir() else add_replay(builder, path)
+        add_run(builder, path, given) if path.is_dir() else add_replay(builder, path)
     check(bool(builder.items), "these replays contain no episodes; give others")
     title = ", ".join(path.name for path in given.paths)
     for warning in builder.warnings:
@@ -102,16 +104,17 @@ def together(given: ViewCommand) -> Path:
     return page
 
 
-def add_run(builder: Builder, folder: Path, episodes: int) -> None:
+def add_run(builder: Builder, folder: Path, given: ViewCommand) -> None:
     """The first episodes of the evaluation of a run."""
     from train.runs.opponents import load_policy  # torch is slow to import
     from train.runs.parts import contest_of
     from train.runs.saved import evaluated_settings, trains_team
 
-    settings = evaluated_settings(folder)
-    policy = load_policy(folder, greedy=settings.evaluate == "greedy")
+    settings, episodes = evaluated_settings(folder), given.episodes
+    policy = load_policy(folder, settings.evaluate == "greedy", given.at)
     contest = contest_of(settings.task, max(episodes, 2), team=trains_team(folder))
-    games = {f"{folder.name}, episode {number + 1}": number for number in range(episodes)}
+    name = folder.name if given.at is None else f"{folder.name} at {given.at}"
+    games = {f"{name}, episode {number + 1}": number for number in range(episodes)}
     contest.add_episodes(builder, policy, games, settings.algorithm)
 
 

@@ -186,7 +186,12 @@ def exact_joint_match(task: Task, policies: Mapping[str, Policy]) -> Matchup:
 
 
 def match(
-    task: Task, chaser: Policy, evader: Policy, episodes: int = 1000, most: int = MAX_FINAL_WORK
+    task: Task,
+    chaser: Policy,
+    evader: Policy,
+    episodes: int = 1000,
+    most: int = MAX_FINAL_WORK,
+    seed: int = EVALUATION_SEED,
 ) -> Matchup:
     """The result of a match: exact if it can be solved, otherwise the mean over `episodes` games.
 
@@ -195,11 +200,12 @@ def match(
         chaser, evader: the policies of all agents of each role.
         episodes: number of games, if they are sampled.
         most: the largest size of a team chase that is solved; 0 for none.
+        seed: of sampled games.
     """
     found = exact_match(task, {"chaser": chaser, "evader": evader}, most)
     if found is not None:
         return found
-    lengths, caught, escapes = _played(task, chaser, evader, episodes, EVALUATION_SEED)
+    lengths, caught, escapes = _played(task, chaser, evader, episodes, seed)
     mean, ci95 = float(lengths.mean()), half_width(lengths)
     if not task.most_exits:
         return Matchup(mean, ci95, float(caught.mean()), episodes)

@@ -24,6 +24,7 @@ from train.files import Plain
 from train.reports.curves import Panel, Series
 from train.reports.figures import time_scale
 from train.reports.tables import ResultTable, Row
+from train.settings.checks import EVALUATION_SEED
 
 PAIR_EPISODES = 200
 """Games per payoff without an exact value."""
@@ -194,13 +195,16 @@ class Sides(ABC):
         `seed` is a seed of evaluations."""
 
     @abstractmethod
-    def evaluate(self, profile: Profile, episodes: int, most: int = 0) -> dict[str, float]:
+    def evaluate(
+        self, profile: Profile, episodes: int, most: int = 0, seed: int = EVALUATION_SEED
+    ) -> dict[str, float]:
         """The columns of an evaluation during training.
 
         Args:
             profile: the policies.
             episodes: of results that are not exact.
             most: the size of games of teams that are solved.
+            seed: of the games of results that are not exact, a seed of evaluations.
         """
 
     @abstractmethod

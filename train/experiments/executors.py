@@ -31,7 +31,7 @@ from train.experiments.study import ENDED
 from train.files import only_one, write_text
 from train.kinds import open_run
 from train.machine import usable_cores
-from train.runs.folder import load_final
+from train.runs.folder import load_config
 from train.runs.interruption import Stopped
 from train.runs.loop import Run
 
@@ -134,7 +134,7 @@ def train(folder: Path) -> None:
             run.train(report)
     except Stopped:  # it has saved
         return
-    run.results(**load_final(folder).arguments())
+    run.results(**load_config(folder).final.arguments())
 
 
 def perform_here(folder: str, variables: Mapping[str, str]) -> int:

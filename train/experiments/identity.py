@@ -21,6 +21,7 @@ from train.kinds import with_mazes
 from train.runs.folder import CHECKPOINT, CONFIG
 from train.runs.provenance import provenance
 from train.runs.stable_baselines import description_of
+from train.settings.common import RunSettings
 from train.settings.mazes import named_maze, names_in
 from train.settings.self_play import OPPOSING_ROLES
 
@@ -47,6 +48,7 @@ def named_policies(plain: Plain) -> dict[str, str]:
     """The policies in plain settings that are not scripted agents, by the setting's name."""
     named = {name: plain.get(name) for name in OPPOSING_ROLES} | (plain.get("players") or {})
     named["opponent"] = plain["task"].get("opponent")
+    named["init_from"] = plain.get("init_from")
     return {
         name: value
         for name, value in named.items()
@@ -58,9 +60,10 @@ def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
     """Settings with these policies, by the setting's name."""
     own: Plain = dict(values)
     task = {name: own.pop(name) for name in ("opponent",) if name in own}
+    whole = {name: own.pop(name) for name in ("init_from",) if name in own}
     if hasattr(settings, "players"):
         own = {"players": {**settings.players, **own}}
-    return replace(settings, **own, task=replace(settings.task, **task))
+    return replace(settings, **own, **whole, task=replace(settings.task, **task))
 
 
 def policy_files(path: Path) -> dict[str, bytes]:
@@ -110,6 +113,9 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     named = named_policies(asdict(settings))
     digests = {name: policy.digest for name, policy in inputs.items() if name in named}
     plain = {**settings.REMOVED, **asdict(with_policies(settings, digests))}
+    for name in RunSettings.ADDED:  # without effect unless they are given: names stay
+        if name in plain and plain[name] == getattr(RunSettings, name):
+            del plain[name]
     if (maze := settings.task.maze_text) is not None:
         plain["task"]["maze"] = maze
     mazes = plain.get("curriculum_settings", {}).get("curriculum_mazes")

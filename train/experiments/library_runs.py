@@ -25,7 +25,7 @@ from train.evaluation.scores import BY_STEPS, optimality_gap
 from train.experiments.study import Table, check_budget
 from train.files import Plain
 from train.kinds import KINDS, Kind
-from train.runs.folder import load_final
+from train.runs.folder import load_config
 from train.runs.forms import RESTORE
 from train.runs.loop import Budget, Run, build_parts, build_run
 from train.runs.parts import Parts, parts_of
@@ -99,10 +99,11 @@ class LibraryRunSettings(Settings):
             idle machine).
         evaluations: evenly spaced over the budget; with several two more are at 1/4 and 1/2 of the
             first interval.
-        curriculum_settings: there is no curriculum.
+        curriculum_settings, init_from: there is no curriculum, and weights are new.
     """
 
     curriculum_settings: ClassVar[CurriculumSettings] = CurriculumSettings()
+    init_from: ClassVar[None] = None
 
     task: TaskSettings = field(default_factory=TaskSettings)
     hyper: PPOSettings = field(default_factory=PPOSettings)
@@ -228,7 +229,7 @@ class ComparedAgent(SingleAgent):
 
     def __init__(self, name: str, parts: Parts, folder: Path, state: Plain | None = None) -> None:
         self.name = name
-        super().__init__(parts, "greedy", state, load_final(folder).episodes)
+        super().__init__(parts, "greedy", state, load_config(folder).final.episodes)
         torch.manual_seed(parts.build.seed)
         self.spent = dict.fromkeys(CLOCKS, 0.0) if state is None else dict(state["spent"])
 

@@ -1,11 +1,14 @@
 """The folder of a run of any kind.
 
 It contains `config.json`, `metrics.csv`, `results.json`, `checkpoint.pt`, `learning_curve.png`,
-`replay.gif`, `replays.json`, `report.html`, TensorBoard events, and `.lock` while it is in use.
+`replay.gif`, `replays.json`, `report.html`, TensorBoard events, and `.lock` while it is in use;
+with the setting `checkpoints` also `checkpoints.json`, and the policies in `checkpoints/FRAMES`.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -42,8 +45,14 @@ FORMAT = 6
 RESULTS_FORMAT = 2
 """Version of `results.json`. 2: success in escapes is that at an exit alone."""
 
-RUN, SIDE, SELF_PLAY = "single", "side", "self-play"
-"""Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play."""
+RUN, SIDE, SELF_PLAY, KEPT = "single", "side", "self-play", "checkpoint"
+"""Kinds of runs: a single agent; one role of self-play, saved as a policy; self-play; a policy that
+is kept at some time of training."""
+KEPT_IN, BEST = "checkpoints", "best"
+"""The subfolder of the policies that are kept, and the name of the best of them."""
+KEPT_LIST = "checkpoints.json"
+FRAME_DIGITS = 9
+"""Digits of frames in names of files; the names of earlier snapshots were their numbers, of 5."""
 
 
 def check_new(path: Path) -> None:
@@ -68,14 +77,32 @@ def save_config(
     settings: WholeSettings,
     maze_text: str | None,
     final: forms.Final | None = None,
+    init_sha256: str | None = None,
 ) -> None:
     """Write `config.json`: the kind of run, its settings, the maze as text if there is one, the
-    settings of the final results, user-defined parts with hashes of their source, and the
-    command."""
+    settings of the final results, the digest of the weights that it starts from, user-defined parts
+    with hashes of their source, and the command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
+    if init_sha256 is not None:
+        plain["init_sha256"] = init_sha256
     if final is not None:
         plain[FINAL] = final.arguments()
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
+
+
+def write_kept(folder: Path, name: str, state: Plain) -> None:
+    """Keep a policy of a run, or of one side of self-play, as a folder of its own in `checkpoints`,
+    which commands read as they read that of the run.
+
+    Args:
+        folder: of the run or the side.
+        name: of the folder.
+        state: as `check_learned` takes it.
+    """
+    kept = folder / KEPT_IN / name
+    kept.mkdir(parents=True, exist_ok=True)
+    write_json(kept / CONFIG, read_json(folder / CONFIG) | {"kind": KEPT})
+    save_checkpoint(kept, {"trainee": state})
 
 
 def read_config(folder: Path) -> tuple[str, Plain]:
@@ -97,7 +124,7 @@ def read_config(folder: Path) -> tuple[str, Plain]:
         "version, or a new folder",
     )
     found = read_as(forms.Config, plain, path, forms.RESTORE)
-    for name in ("kind", "maze_text", FINAL, PARTS, COMMAND):
+    for name in ("kind", "maze_text", FINAL, "init_sha256", "longer", PARTS, COMMAND):
         plain.pop(name, None)
     maze = found.task.get("maze")
     known = "\n" in str(maze) or maze in library_names() or is_suite(maze)
@@ -106,10 +133,19 @@ def read_config(folder: Path) -> tuple[str, Plain]:
     return found.kind, plain
 
 
-def load_final(folder: Path) -> forms.Final:
-    """The settings of the final results of a run; the defaults if none are recorded."""
+def load_config(folder: Path) -> forms.Config:
+    """What `config.json` holds beside the settings; the defaults where nothing is recorded."""
     path = folder / CONFIG
-    return read_as(forms.Config, read_json(path), path, forms.RESTORE).final
+    return read_as(forms.Config, read_json(path), path, forms.RESTORE)
+
+
+def sha256_in(folder: Path) -> str:
+    """The digest of the checkpoint of a policy; of self-play of those of all sides."""
+    found = hashlib.sha256()
+    for path in [folder / CHECKPOINT, *sorted(folder.glob(f"*/{CHECKPOINT}"))]:
+        if path.exists():
+            found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def load_results(folder: Path | str) -> Plain:
@@ -167,8 +203,67 @@ def save_checkpoint(folder: Path, state: Plain) -> None:
     write_tensors(folder / CHECKPOINT, {"format": FORMAT, **state})
 
 
-def load_checkpoint(folder: Path | str) -> Plain:
-    """Read `checkpoint.pt` without running code from the file.
+def kept_policies(folder: Path) -> dict[int, Path]:
+    """What is kept of the policy in a folder, in order, by the frames of the whole run: folders of
+    `checkpoints`, and of one side of self-play also its snapshots in the pool (.pt)."""
+    snapshots = (folder.parent / "pool" / folder.name).glob(f"{'[0-9]' * FRAME_DIGITS}*.pt")
+    found = {int(path.stem): path for path in snapshots if path.stem.isdecimal()}
+    for each in read_kept_list(run_of(folder)).kept:
+        found[int(each["frames"])] = folder / KEPT_IN / frames_name(each["frames"])
+    return dict(sorted(found.items()))
+
+
+def frames_name(frames: float) -> str:
+    """The name of what is kept at so many frames."""
+    return f"{int(frames):0{FRAME_DIGITS}d}"
+
+
+def run_of(folder: Path) -> Path:
+    """The run of a policy: its folder, or of one side of self-play the folder around it."""
+    return folder if (folder / KEPT_LIST).exists() else folder.parent
+
+
+def policy_at(folder: Path, at: int | str | None) -> Path:
+    """Where a policy is saved as it was at a time of training.
+
+    Args:
+        folder: of a run of one agent, or of one side of self-play.
+        at: frames of the whole run, as a number or text ("2e5"); "best", the one of `checkpoints`
+            with the best evaluation during training; None for the last.
+
+    Raises:
+        ValueError: nothing is kept of this time.
+    """
+    if at is None:
+        return folder
+    kept, frames = kept_policies(folder), -1.0
+    if at == BEST:
+        frames = read_kept_list(run_of(folder)).best or frames
+    else:
+        with contextlib.suppress(ValueError):
+            frames = float(at)
+    if frames not in kept:
+        names = [*map(str, kept)]
+        names = names if len(names) <= 10 else [*names[:4], "...", *names[-4:]]
+        have = f"policies of {', '.join(names)} frames; give one of them"
+        none = "no policies; leave at out, or train with --checkpoints"
+        raise ValueError(f"{folder}: at={at!r}, but it keeps {have if kept else none}")
+    return kept[int(frames)]
+
+
+def read_kept_list(folder: Path) -> forms.KeptList:
+    """The content of `checkpoints.json` in the folder of a run; that of none without one."""
+    path = folder / KEPT_LIST
+    content = read_json(path) if path.exists() else {}
+    return read_as(forms.KeptList, content, path, forms.RESTORE)
+
+
+def load_checkpoint(folder: Path | str, at: int | str | None = None) -> Plain:
+    """Read `checkpoint.pt`, or what is kept of another time, without running code from the file.
+
+    Args:
+        folder: of the run.
+        at: as of `policy_at`.
 
     Raises:
         ValueError: missing, damaged, of another version, or not only tensors and plain values.
@@ -176,7 +271,12 @@ def load_checkpoint(folder: Path | str) -> Plain:
     from train.tensors import read_tensors  # torch is slow to import
 
     folder = Path(folder)
-    path = folder / CHECKPOINT
+    found = policy_at(folder, at)
+    if found.is_file():  # a snapshot of self-play, which has weights only
+        state = load_checkpoint(folder)
+        state["trainee"]["learner"] = read_tensors(found)
+        return state
+    path = found / CHECKPOINT
     if not path.exists():
         raise ValueError(
             f"{path}: no checkpoint; the run was stopped before the first one. Start it again with "

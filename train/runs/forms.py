@@ -42,6 +42,38 @@ class Config(msgspec.Struct, kw_only=True):
     task: Plain
     maze_text: str | None
     final: Final = Final()
+    init_sha256: str | None = None
+    longer: list[Longer] = []
+
+
+class Longer(msgspec.Struct, frozen=True):
+    """A run that goes on with a longer budget.
+
+    Attributes:
+        budget: before, in the unit of the run.
+        at: the frames so far.
+        stretch: whether schedules extend over the new budget; else they keep their end.
+        sha256: of the checkpoint from which it goes on; None if there was none.
+        command: that extended it.
+    """
+
+    budget: float
+    at: int
+    stretch: bool
+    sha256: str | None
+    command: str
+
+
+class KeptList(msgspec.Struct):
+    """`checkpoints.json`.
+
+    Attributes:
+        best: the frames of the kept policy with the best evaluation.
+        kept: the evaluations of all that are kept.
+    """
+
+    best: int | None = None
+    kept: list[dict[str, float]] = []
 
 
 class Evaluation(msgspec.Struct):

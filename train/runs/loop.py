@@ -25,16 +25,20 @@ from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
     CURVE,
+    KEPT_LIST,
     METRICS,
     MISFITS,
     REPLAY,
     RESULTS,
     RESULTS_FORMAT,
+    frames_name,
     load_results,
     misfit,
+    read_kept_list,
     read_metrics,
     save_checkpoint,
 )
+from train.runs.forms import Longer
 from train.runs.interruption import Diverged, Signals, Stopped
 from train.runs.provenance import recorded_parts
 from train.runs.threads import (
@@ -70,6 +74,8 @@ class Budget:
     Seconds are wall time, or the processor time of this process (`clock` "processor"), which
     depends less on other programs and includes the time of all threads. The compilation of kernels
     does not count: it happens once per machine.
+
+    Schedules extend over `schedule`, in the unit of the budget; None for the whole budget.
     """
 
     seconds: float | None
@@ -77,13 +83,17 @@ class Budget:
     threads: int = 0
     clock: str = "wall"
     within: bool = False
+    schedule: float | None = None
 
     @classmethod
-    def of(cls, settings: WholeSettings) -> Budget:
-        """The budget in the settings of a run."""
+    def of(cls, settings: WholeSettings, longer: Sequence[Longer] = ()) -> Budget:
+        """The budget in the settings of a run that was extended so often."""
         several = isinstance(settings, TrainSettings) and settings.processes > 1
         threads = 1 if several else settings.threads
-        return cls(settings.seconds, settings.frames, threads, settings.clock)
+        amounts = [each.budget for each in longer] + [settings.budget]
+        stretched = [number for number, each in enumerate(longer, 1) if each.stretch]
+        schedule = amounts[max(stretched, default=0)]
+        return cls(settings.seconds, settings.frames, threads, settings.clock, schedule=schedule)
 
     @property
     def free_threads(self) -> bool:
@@ -96,6 +106,11 @@ class Budget:
         own_seconds = self.seconds is not None and self.clock == "processor"
         return self.threads or int(own_seconds)
 
+    @property
+    def amount(self) -> float:
+        """The budget in its unit."""
+        return float(self.frames or self.seconds or 0.0)
+
     def now(self) -> float:
         """The current time of the budget's clock, in seconds."""
         return now_without_compilation(self.clock)
@@ -103,6 +118,17 @@ class Budget:
     def progress(self, seconds: float, frames: int) -> float:
         """The share of the budget that these are; above 1 if they exceed it."""
         return frames / self.frames if self.frames is not None else seconds / (self.seconds or 1.0)
+
+    def scheduled(self, seconds: float, frames: int) -> float:
+        """The share of the schedules that these are; above 1 where they keep their end."""
+        if self.schedule is None:
+            return min(self.progress(seconds, frames), 1.0)
+        return (seconds if self.frames is None else frames) / self.schedule
+
+
+def evenly(count: int) -> list[float]:
+    """So many shares of a budget in even distances, up to 1."""
+    return [number / count for number in range(1, count + 1)]
 
 
 T = TypeVar("T", bound=Trainee, default=Trainee, covariant=True)
@@ -120,9 +146,11 @@ class Run(Generic[T]):
         state: the checkpoint of a resumed run; None for a new one.
         marks: the shares of the budget at which the policy is evaluated and saved, in order; None
             for `EVALUATIONS` in even distances.
+        checkpoints: the number of policies that are kept, in even distances, which are evaluated.
 
     Attributes:
-        trainee, folder, budget, marks: the arguments.
+        trainee, folder, budget, checkpoints: the arguments.
+        marks: of all evaluations.
         ended: whether another iteration would exceed a budget with `within`.
         seconds: training time by the budget's clock, without evaluations and compilation.
         rows: the evaluations, of `metrics.csv`.
@@ -141,40 +169,41 @@ class Run(Generic[T]):
         budget: Budget,
         state: Plain | None = None,
         marks: Sequence[float] | None = None,
+        checkpoints: int = 0,
     ) -> None:
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
-        even = [number / EVALUATIONS for number in range(1, EVALUATIONS + 1)]
-        self.marks, self.ended = even if marks is None else list(marks), False
+        self.checkpoints, self.ended = evenly(checkpoints), False
+        given = evenly(EVALUATIONS) if marks is None else marks
+        self.marks = sorted({*given, *self.checkpoints})
         self.seconds, self.evaluations, self.figures = 0.0, 0, dict[str, float]()
         self.lock: BaseFileLock | None = None
         self.present: Callable[[Run[T], Plain], None] | None = None
         self.rows: list[dict[str, float]] = []
-        self.saved_frames = 0
+        self.saved_frames, self.last_is_due = 0, True
         if state is not None:
             self.seconds, self.evaluations = state["seconds"], state["evaluations"]
             self.figures, self.ended = state.get("figures", {}), state.get("ended", False)
             set_random_states(state)
             self.saved_frames = trainee.frames
             self.rows = self._rows_of_checkpoint(state.get("rows"))
+            if state.get("budget", budget.amount) != budget.amount:  # it is longer now
+                self.ended, self.evaluations = False, self._passed(self.marks)
 
     def _rows_of_checkpoint(self, count: int | None) -> list[dict[str, float]]:
         """The first `count` rows of `metrics.csv` up to the checkpoint: later evaluations will be
-        repeated. None: all of them, in checkpoints of earlier versions.
-
-        A last row that is not due, of a run that its user stopped, is dropped: other runs do not
-        have it.
-        """
+        repeated. None: all of them, in checkpoints of earlier versions."""
         if count == 0:
             return []
         rows = read_metrics(self.folder, self.trainee.objective.column)[:count]
-        rows = [row for row in rows if row["frames"] <= self.trainee.frames]
-        done = [
-            self._marks_until(self.budget.progress(row["seconds"], int(row["frames"])))
-            for row in [{"seconds": 0.0, "frames": 0.0}, *rows][-2:]
-        ]
-        if rows and rows[-1]["frames"] > 0 and done[0] == done[1] and not self.ended:
-            rows.pop()
-        return rows
+        return [row for row in rows if row["frames"] <= self.trainee.frames]
+
+    def _passed(self, marks: Sequence[float]) -> int:
+        """How many of these shares of the budget the last evaluation has reached."""
+        if not self.rows:
+            return 0
+        last = self.rows[-1]
+        share = self.budget.progress(last["seconds"], int(last["frames"]))
+        return sum(mark <= share for mark in marks)
 
     @property
     def progress(self) -> float:
@@ -182,12 +211,14 @@ class Run(Generic[T]):
         return min(self.budget.progress(self.seconds, self.trainee.frames), 1.0)
 
     @property
+    def scheduled(self) -> float:
+        """Share of the schedules; above 1 where a longer budget keeps their end."""
+        return self.budget.scheduled(self.seconds, self.trainee.frames)
+
+    @property
     def due(self) -> int:
         """The number of evaluations that are due so far, except one before training."""
-        return len(self.marks) if self.ended else self._marks_until(self.progress)
-
-    def _marks_until(self, progress: float) -> int:
-        return sum(mark <= progress for mark in self.marks)
+        return len(self.marks) if self.ended else sum(mark <= self.progress for mark in self.marks)
 
     @property
     def is_spent(self) -> bool:
@@ -282,12 +313,13 @@ class Run(Generic[T]):
         set_random_states(states)
 
     def _record(self, signals: Signals, board: SummaryWriter, report: OnReport[T]) -> None:
-        """Evaluate, and save the row and the checkpoint.
+        """Evaluate, and save the row, the policies that are kept, and the checkpoint.
 
         One that is not due, where `report` stopped the run, leaves no trace in a resumed run.
         """
         frames, due = self.trainee.frames, self.due > self.evaluations
         due = due or frames == 0
+        kept_before = self._passed(self.checkpoints)
         with self._watched():
             row = {
                 "frames": float(frames),
@@ -299,7 +331,10 @@ class Run(Generic[T]):
         self._check_learned()
         with signals.held():
             self.rows.append(row)
+            self.last_is_due = due
             write_csv(self.folder / METRICS, self.rows)
+            if due and (self._passed(self.checkpoints) > kept_before or self.ended):
+                self._keep(row)
             if due:
                 self.evaluations = self.due
                 self.trainee.forget_episodes()
@@ -309,6 +344,18 @@ class Run(Generic[T]):
                     for name, value in row.items():
                         board.add_scalar(name, value, frames)
         report(self, row)
+
+    def _keep(self, row: dict[str, float]) -> None:
+        """Keep the policies, and list them; the list has none of evaluations that are repeated."""
+        if not self.checkpoints:
+            return
+        frames, aim = int(row["frames"]), self.trainee.objective
+        self.trainee.keep(self.folder, frames_name(frames))
+        before = {int(each["frames"]) for each in self.rows} - {frames}
+        kept = [each for each in read_kept_list(self.folder).kept if each["frames"] in before]
+        kept.append({name: row[name] for name in ("frames", "seconds", aim.column)})
+        best = (min if aim.less_is_better else max)(kept, key=lambda each: each[aim.column])
+        write_json(self.folder / KEPT_LIST, {"best": int(best["frames"]), "kept": kept})
 
     @contextlib.contextmanager
     def _tensorboard(self) -> Iterator[SummaryWriter]:
@@ -358,7 +405,9 @@ class Run(Generic[T]):
         """Write the checkpoint, from which a resumed run continues exactly; earlier results are
         marked as outdated."""
         state: Plain = {"seconds": self.seconds, "evaluations": self.evaluations}
-        state |= {"rows": len(self.rows), "figures": self.figures, **random_states()}
+        rows = len(self.rows) - (not self.last_is_due)
+        state |= {"rows": rows, "figures": self.figures, **random_states()}
+        state["budget"] = self.budget.amount
         state |= {"ended": True} if self.ended else {}
         save_checkpoint(self.folder, {"trainee": self.trainee.state_dict(), **state})
         self.saved_frames = self.trainee.frames
@@ -386,7 +435,16 @@ class Run(Generic[T]):
         trainee = self.trainee
         if (self.folder / CHECKPOINT).exists():  # the last save may have been interrupted
             trainee.save_beside(self.folder)
-        found, limit = in_time(lambda: trainee.results(episodes), exact_seconds, tell)
+        best = read_kept_list(self.folder).best
+
+        def evaluated() -> Plain:
+            found = trainee.results(episodes)
+            if best is not None:
+                found["best"] = {"frames": best}
+                found["best"] |= trainee.evaluate_kept(self.folder, best, episodes)
+            return found
+
+        found, limit = in_time(evaluated, exact_seconds, tell)
         content = {
             "format": RESULTS_FORMAT,
             "kind": trainee.kind,
@@ -448,8 +506,10 @@ def build_run(
         ValueError: a checkpoint that does not match the settings.
     """
     try:
+        settings = parts.settings
         trainee = trainee_of(parts, folder, None if state is None else state["trainee"])
-        return Run(trainee, folder, budget or Budget.of(parts.settings), state, marks)
+        budget = budget or Budget.of(settings)
+        return Run(trainee, folder, budget, state, marks, settings.checkpoints)
     except MISFITS as error:
         if state is None:
             raise

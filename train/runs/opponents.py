@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from pursuit.tasks.task import Task
 from pursuit.validation import as_path, check, check_bool, need
 from train.algorithms.registry import entry
 from train.families import family_of, maze_policies
-from train.families.policies import Fixed, policy_named
+from train.families.policies import Fixed, SavedRuns, policy_named
 from train.runs.folder import (
     CONFIG,
     MISFITS,
@@ -32,8 +33,8 @@ from train.tensors import own_defaults
 
 
 @own_defaults()
-def load_policy(folder: Path | str, greedy: bool = True) -> Any:
-    """The policy of a run, from its last checkpoint, on the CPU: a `Policy` of its role.
+def load_policy(folder: Path | str, greedy: bool = True, at: int | str | None = None) -> Any:
+    """The policy of a run, by default from its last checkpoint, on the CPU: a `Policy` of its role.
 
     Of a small game it is a `StatePolicy`: `policy.table(policy.task)` are its probabilities in all
     states, as `SmallGame.table` and the solvers take them.
@@ -41,13 +42,15 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
     Args:
         folder: of the run; for self-play its `chaser` or `evader`, or a player of the small game.
         greedy: the most probable action; False draws from the learned distribution.
+        at: the frames of a policy that the run kept (setting `checkpoints`, and the snapshots of
+            self-play), or "best": that with the best evaluation during training.
 
     Raises:
-        ValueError: no run, a damaged one, one without a distribution if `greedy` is False; or
-            `greedy` is not a bool.
+        ValueError: no run, a damaged one, one without a distribution if `greedy` is False; nothing
+            kept at these frames; or `greedy` is not a bool.
     """
     folder, greedy = as_path("folder", folder), check_bool("greedy", greedy)
-    settings, state = load_settings(folder), load_checkpoint(folder)
+    settings, state = load_settings(folder), load_checkpoint(folder, at)
     algorithm = entry(settings.algorithm)
     _ = algorithm.library  # it is installed
     check(
@@ -63,14 +66,17 @@ def load_policy(folder: Path | str, greedy: bool = True) -> Any:
             raise misfit(folder, error) from None
 
 
+@dataclass(frozen=True)
 class _SavedRuns:
-    """As of `train.families.policies.SavedRuns`."""
+    """As of `train.families.policies.SavedRuns`; policies are of the time `at` of `load_policy`."""
+
+    at: int | str | None = None
 
     def settings(self, folder: Path) -> AgentSettings:
         return load_settings(folder)
 
     def policy(self, folder: Path, greedy: bool) -> Any:
-        return load_policy(folder, greedy)
+        return load_policy(folder, greedy, self.at)
 
     def has_distribution(self, folder: Path) -> bool:
         return entry(load_settings(folder).algorithm).learns_distribution
@@ -93,9 +99,16 @@ SAVED = _SavedRuns()
 """What families read saved policies with."""
 
 
-def policy_of(settings: TaskForm, name: str, task: Any, agent: str, *how: Any) -> Any:
+def saved_at(at: int | str | None) -> SavedRuns:
+    """What families read policies with as they were at a time of training; as of `load_policy`."""
+    return _SavedRuns(at)
+
+
+def policy_of(
+    settings: TaskForm, name: str, task: Any, agent: str, *how: Any, saved: SavedRuns = SAVED
+) -> Any:
     """The policy of this name for an agent or role of a task; as of `policy_named`."""
-    return policy_named(need(family_of(settings).policies), SAVED, name, task, agent, *how)
+    return policy_named(need(family_of(settings).policies), saved, name, task, agent, *how)
 
 
 def opponents_of(task: Task, agent: str, opponent: str | None, *how: Any) -> dict[str, Policy]:

@@ -14,7 +14,7 @@ from train.algorithms.registry import entry
 from train.families import family_of
 from train.files import Plain
 from train.networks.seat import Seat
-from train.runs.folder import CONFIG, RUN, SIDE, read_config
+from train.runs.folder import CONFIG, KEPT, RUN, SIDE, read_config
 from train.runs.forms import RESTORE
 from train.runs.provenance import check_parts, check_sources
 from train.settings.algorithms import JOINT, SHARED, TeamSettings
@@ -94,7 +94,7 @@ def load_settings(folder: Path | str) -> AgentSettings:
     kind, plain = read_config(folder)
     roles = [str(folder / r) for r, own in sides_in(plain).items() if not isinstance(own, str)]
     check(
-        kind in (RUN, SIDE),
+        kind in (RUN, SIDE, KEPT),
         f"{folder}: a run of kind {kind!r}, with a policy for each role; give {' or '.join(roles)}",
     )
     check_parts(folder / CONFIG, plain)

@@ -24,11 +24,12 @@ from train.evaluation.scores import (
 )
 from train.files import Plain, write_csv
 from train.runs.data_parallel import OtherProcesses
-from train.runs.folder import RUN, game_digest
+from train.runs.folder import RUN, game_digest, load_checkpoint, write_kept
 from train.runs.loop import BRIEF_EPISODES, BRIEF_STEPS
 from train.runs.parts import Parts
 from train.runs.trainee import Clock
 from train.runs.training_state import build_env_and_learner, training_state
+from train.settings.checks import evaluation_seed
 from train.teaching.teacher import CURRICULUM_COLUMNS, CURRICULUM_LOG
 
 EPISODES = 500
@@ -85,7 +86,7 @@ class SingleAgent:
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of the learner, after an update of the curriculum."""
-        progress = clock.progress
+        progress = min(clock.scheduled, 1.0)
         if self.teacher is not None:
             self.teacher.update(progress, self.frames, clock.seconds)
         if self.replicas is None:
@@ -191,6 +192,21 @@ class SingleAgent:
     def learned(self) -> Plain:
         """The state of the learner."""
         return {"learner": self.learner.state_dict()}
+
+    def keep(self, folder: Path, name: str) -> None:
+        """As `Trainee`."""
+        algorithm = self.parts.algorithm
+        learner = algorithm.policy_state(self.learner.state_dict())
+        named = {"algorithm": algorithm.name, "game": game_digest(self.parts.seat)}
+        write_kept(folder, name, {**named, "learner": learner})
+
+    def evaluate_kept(self, folder: Path, frames: int, episodes: int) -> Plain:
+        """As `Trainee`: its score."""
+        parts, state = self.parts, load_checkpoint(folder, frames)["trainee"]["learner"]
+        how = (parts.settings.hyper, parts.seat, state, self.evaluated == "greedy")
+        contest = parts.world.contest(episodes, evaluation_seed(1))
+        score: Score = contest.score("learned", parts.algorithm.load(*how))
+        return score.plain()
 
     def save_beside(self, folder: Path) -> None:
         """Write `curriculum.csv`."""

@@ -11,12 +11,16 @@ from train.settings.self_play import WholeSettings
 
 
 class Clock(Protocol):
-    """The progress of a run: the share of its budget in [0, 1], and its seconds of training."""
+    """The progress of a run: the share of its budget in [0, 1], that of its schedules, which is
+    above 1 where a longer budget keeps their end, and its seconds of training."""
 
     seconds: float
 
     @property
     def progress(self) -> float: ...  # noqa: D102 -- see the class
+
+    @property
+    def scheduled(self) -> float: ...  # noqa: D102 -- see the class
 
 
 class Trainee(Protocol):
@@ -64,6 +68,13 @@ class Trainee(Protocol):
 
     def learned(self) -> Plain:
         """The part of `state_dict` that is learned; it must stay finite."""
+
+    def keep(self, folder: Path, name: str) -> None:
+        """Save the present policies of the run in a folder by `write_kept`, with this name."""
+
+    def evaluate_kept(self, folder: Path, frames: int, episodes: int) -> Plain:
+        """The evaluation of kept policies, on other starts than those of evaluations during
+        training."""
 
     def save_beside(self, folder: Path) -> None:
         """Write further files into the folder, after the checkpoint has been saved."""

@@ -14,8 +14,9 @@ from pursuit.validation import check
 from train.algorithms.learner import Learner
 from train.algorithms.registry import build_learner
 from train.files import Plain
-from train.runs.folder import check_learned
+from train.runs.folder import MISFITS, check_learned, load_checkpoint
 from train.runs.parts import Parts
+from train.runs.saved import load_settings
 from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import
@@ -50,11 +51,39 @@ def build_env_and_learner(
         restore_policy_memories(env, state["memories"])
         env.resume = True
     learner = build_learner(parts.algorithm, parts.hyper, env, parts.build)
-    if state is not None:
+    if state is None:
+        start_weights(learner, parts.settings.init_from)
+    else:
         found, needed = set(state["learner"]), set(learner.state_dict())
         check(found == needed, f"the learner's state has {sorted(found)}, not {sorted(needed)}")
         learner.load_state_dict(state["learner"])
     return env, teacher, learner
+
+
+def start_weights(learner: Learner, source: str | None) -> None:
+    """Give a new learner the weights of the saved policy in the folder `source`; None for none.
+
+    Raises:
+        ValueError: there is no policy, or one with another network.
+    """
+    if source is None:
+        return
+    load_settings(source)  # it is a policy, whose parts are allowed
+    state = load_checkpoint(source)["trainee"]["learner"]
+    here, there = (
+        {name: tuple(weights.shape) for name, weights in each.get("network", {}).items()}
+        for each in (learner.state_dict(), state)
+    )
+    other = [name for name in {**here, **there} if here.get(name) != there.get(name)]
+    where = f"init_from={source!r}: its network does not fit"
+    remedy = "give a run with the same observation, network and width, or change these here"
+    for name in other[:1]:
+        sizes = f"there {there.get(name, 'missing')}, here {here.get(name, 'missing')}"
+        raise ValueError(f"{where}: {name} is {sizes}; {remedy}")
+    try:
+        learner.start_from(state)
+    except MISFITS as error:
+        raise ValueError(f"{where} ({' '.join(str(error).split())[:200]}); {remedy}") from None
 
 
 def training_state(env: AnyEnv, teacher: Teacher | None, learner: Learner) -> Plain:

@@ -27,7 +27,7 @@ from train.families import family_of
 from train.families.policies import NamedPolicies, loaded_policy
 from train.files import Plain
 from train.runs.folder import CONFIG
-from train.runs.opponents import SAVED, is_self_play
+from train.runs.opponents import is_self_play, saved_at
 from train.runs.saved import load_settings
 from train.runs.stable_baselines import description_of
 from train.self_play.names import entry_names
@@ -100,6 +100,7 @@ def enter(
     model_roles: Sequence[str] = (),
     model_observations: Sequence[str] = (),
     game: str | None = None,
+    at: Sequence[str] = (),
 ) -> tuple[Sides, list[Entry]]:
     """The game and the entries of a league.
 
@@ -115,6 +116,8 @@ def enter(
             one for each in the order of `names`.
         game: a small game by name; the time limit is that of the first run, or the default. None
             for the game of the first run, or without one a chase in the maze.
+        at: the times of training of which the policies of runs play, as of `load_policy`, each as
+            an entry of its own; none for the last.
 
     Raises:
         ValueError: an entry that is not a run, is of another game or given twice, a side without
@@ -165,15 +168,18 @@ def enter(
     for role in model_sides:
         check(role in roles, f"model_roles: {role!r}; give {' or '.join(roles)}")
     entries = []
-    for name, path in [*paths, *((name, Path(name)) for name in models)]:
+    entered = [(name, path, time) for name, path in paths for time in (at or (None,))]
+    for name, path, time in [*entered, *((name, Path(name), None) for name in models)]:
         played = "greedy" if greedy else "sampled"
-        policy = loaded_policy(policies, SAVED, path, played, task=task, **trained.get(name, {}))
+        own = trained.get(name, {})
+        policy = loaded_policy(policies, saved_at(time), path, played, task=task, **own)
         role = policies.agent_of(policy)
         check(
             role in roles,
             f"{name}: trained as {role!r}; a league needs policies of {roles[0]} and {roles[1]}",
         )
-        entries.append(Entry(title[name], role, policies.placed(policy, task, role, name, 0.0)))
+        shown = title[name] if time is None else f"{title[name]} at {time}"
+        entries.append(Entry(shown, role, policies.placed(policy, task, role, name, 0.0)))
     entries += agents
     for role in roles:
         check(

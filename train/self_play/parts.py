@@ -13,9 +13,9 @@ from train.evaluation.sides import Sides
 from train.families import family_of
 from train.files import Plain
 from train.runs.forms import RESTORE
-from train.runs.opponents import policy_of
+from train.runs.opponents import is_self_play, policy_of
 from train.runs.parts import build_of, check_sizes
-from train.runs.saved import learning_seat
+from train.runs.saved import agent_seat, learning_seat, load_settings
 from train.runs.worlds import task_world_of
 from train.self_play.learners import given_sides, sides_of, unchecked_self_play
 from train.self_play.side import SideParts, usual_least
@@ -90,6 +90,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     steps = min(game.episode_steps(settings.episode_steps), task.max_steps)
     training = replace(task, max_steps=steps) if steps < task.max_steps else task
     sides: dict[str, SideParts] = {}
+    sources = sources_of(settings)
     for role in settings.learning:
         own = side_settings(settings, role)
         seat: Any = learning_seat(own)
@@ -99,8 +100,28 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         algorithm.check_team(seat)
         algorithm.check_memory(own.hyper, seat)
         more = (build_of(own), game, training, own.min_probability or 0.0, settings.average)
-        sides[role] = SideParts(seat, algorithm, own.hyper, *more)
+        source = sources.get(role)
+        sides[role] = SideParts(seat, algorithm, own.hyper, *more, source)
     return SelfPlayParts(settings, game, sides, frozen, scripted)
+
+
+def sources_of(settings: SelfPlayBase) -> dict[str, str]:
+    """By role the folder of the policy whose weights a side starts from; ValueError if `init_from`
+    has none of a side that learns."""
+    source = settings.init_from
+    if source is None:
+        return {}
+    if is_self_play(Path(source)):
+        found = {role: f"{source}/{role}" for role in settings.learning}
+        found = {role: path for role, path in found.items() if Path(path).is_dir()}
+    else:
+        found = {agent_seat(load_settings(source)).role: source}
+    check(
+        bool({*found} & {*settings.learning}),
+        f"init_from={source!r} has no policy of {' or '.join(settings.learning)}; give a run of "
+        "self-play, or of one of them",
+    )
+    return found
 
 
 def check_learners(settings: SelfPlayBase) -> None:
@@ -164,6 +185,8 @@ def response_settings(settings: SelfPlayBase, role: str, folder: Path) -> SelfPl
         **given_sides(type(settings), sides),
         sampling="latest",
         members=(),
+        checkpoints=0,
+        init_from=None,
         best_response_seconds=0.0,
         seconds=seconds,
         frames=frames,

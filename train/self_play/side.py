@@ -18,7 +18,7 @@ from train.algorithms.registry import Algorithm, Build, build_learner
 from train.environments.hooks import EpisodeHook
 from train.networks.seat import Seat
 from train.runs.folder import check_learned, game_digest
-from train.runs.training_state import restore_simulator, simulator_tensors
+from train.runs.training_state import restore_simulator, simulator_tensors, start_weights
 from train.self_play.pool import PoolPolicy
 from train.settings.algorithms import Hyperparameters
 from train.tensors import StateDict
@@ -113,6 +113,7 @@ class SideParts:
         training: the task of the training games, with short episodes.
         min_probability: of actions of the evaluated policy.
         average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
+        source: the folder of the policy whose weights it starts from; None for new weights.
     """
 
     seat: Seat
@@ -123,6 +124,7 @@ class SideParts:
     training: Any
     min_probability: float
     average: bool = True
+    source: str | None = None
 
     def games(self, number: int, others: Sequence[str]) -> tuple[BatchEnv, Opponents]:
         """The training environment of the side with this number, and its opponents."""
@@ -172,6 +174,8 @@ class Side:
             self.env.idle[:] = state["idle"].numpy()
             self.env.resume = True
         self.learner: Learner = build_learner(parts.algorithm, parts.hyper, self.env, parts.build)
+        if state is None:
+            start_weights(self.learner, parts.source)
         # Those of the learner itself: its states are loaded in place.
         self.weights: dict[str, torch.Tensor] = dict(self.learner.state_dict()["network"])
         self.average, self.iterations = self._copied(), 0
@@ -201,9 +205,14 @@ class Side:
     def policy_with(self, average: bool, least: float) -> Policy:
         """The policy with the averaged or the last weights, which does not play actions of a
         probability below `least`."""
+        return self.evaluated(self.snapshot(average), least)
+
+    def evaluated(self, state: StateDict, least: float | None = None) -> Policy:
+        """The policy of saved weights as it is evaluated: without actions of a probability below
+        `least` (None: that of the settings)."""
+        least = self.parts.min_probability if least is None else least
         seat: Any = self.parts.seat
-        seat = replace(seat, min_probability=least)
-        return self._loaded(seat, self.snapshot(average))
+        return self._loaded(replace(seat, min_probability=least), state)
 
     def policy(self) -> Policy:
         """The policy of training."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
@@ -14,7 +16,17 @@ from pursuit.validation import need
 from scripted_agents.exact.long_work import report
 from train.evaluation.sides import DRY_RUN, Profile, ResultLimits
 from train.files import Plain
-from train.runs.folder import CONFIG, SELF_PLAY, SIDE, game_digest, save_checkpoint, save_config
+from train.runs.folder import (
+    CONFIG,
+    SELF_PLAY,
+    SIDE,
+    frames_name,
+    game_digest,
+    load_checkpoint,
+    save_checkpoint,
+    save_config,
+    write_kept,
+)
 from train.runs.loop import BRIEF_STEPS, build_parts, build_run
 from train.runs.trainee import Clock
 from train.runs.training_state import policy_memories, restore_policy_memories
@@ -103,7 +115,10 @@ class SelfPlay:
             latest, load = self.sides[role].policy(), self.sides[role].load
         else:
             latest, load = self.parts.frozen[role], lambda state: latest
-        size, newest = self.settings.pool_size, self.settings.sampling == "window"
+        sampling = self.settings.sampling
+        # A run with a longer budget has more snapshots.
+        size = sys.maxsize if sampling in NASH_SAMPLING else self.settings.pool_size
+        newest = sampling == "window"
         pool = OpponentPool(self.folder / "pool" / role, latest, size, load, newest)
         for name in self.settings.members:
             if (name, role) in self.parts.scripted:
@@ -120,26 +135,27 @@ class SelfPlay:
         settings), in float32 and without improbable actions."""
         if role not in self.sides:
             return self.parts.frozen[role]
-        own = self.parts.sides[role]
-        return self.sides[role].policy_with(own.average, own.min_probability)
+        return self.sides[role].evaluated(self.sides[role].snapshot())
 
     def iterate(self, clock: Clock) -> dict[str, float]:
         """One iteration of every learner; adds snapshots when they are due."""
         figures: dict[str, float] = {}
-        progress = clock.progress
+        progress = clock.scheduled
         if self.settings.sampling == "psro":  # every best response has its own schedules
             progress = progress * self.settings.snapshots - self.taken
         for role, side in self.sides.items():
             logged = side.iterate(min(max(progress, 0.0), 1.0))
             figures |= {f"{role}_{name}": value for name, value in logged.items()}
-        if clock.progress * self.settings.snapshots >= self.taken + 1:
-            self.taken = int(clock.progress * self.settings.snapshots)
+        due = int(clock.scheduled * self.settings.snapshots)
+        if due > self.taken:
+            self.taken = due
             self._take_snapshots()
             self.on_snapshot(self)
             if self.settings.sampling == "psro" and clock.progress < 1.0:
                 for side in self.sides.values():
                     side.restart()
-        self.progress = clock.progress
+        self.taken = min(self.taken, due)  # schedules may have been extended
+        self.progress = min(clock.scheduled, 1.0)
         self._update_sampling()
         return figures
 
@@ -162,7 +178,7 @@ class SelfPlay:
     def _take_snapshots(self) -> None:
         places = {role: pool.names for role, pool in self.pools.items()}
         for role, side in self.sides.items():
-            self.pools[role].add(f"{self.taken:05d}", side.snapshot(), self.rng)
+            self.pools[role].add(frames_name(self.frames), side.snapshot(), self.rng)
         for role, names in places.items():
             self._keep_opponents(role, names)
         self.payoffs.forget()
@@ -294,6 +310,29 @@ class SelfPlay:
         self.mixtures = state["mixtures"]
         self.payoffs.known = {(one, two): value for one, two, value in state["payoffs"]}
 
+    def _policy_state(self, side: Side) -> Plain:
+        """The policy of a side, as `check_learned` takes it."""
+        algorithm, learner = side.parts.algorithm, side.learner.state_dict() | side.snapshot()
+        named = {"algorithm": algorithm.name, "game": game_digest(side.parts.seat)}
+        return {**named, "learner": learner}
+
+    def keep(self, folder: Path, name: str) -> None:
+        """As `Trainee`: every side that learns."""
+        for role, side in self.sides.items():
+            state = self._policy_state(side)
+            learner = side.parts.algorithm.policy_state(state["learner"])
+            write_kept(folder / role, name, state | {"learner": learner})
+
+    def evaluate_kept(self, folder: Path, frames: int, episodes: int) -> Plain:
+        """As `Trainee`: the columns of an evaluation."""
+        policies = self.policies
+        for role, side in self.sides.items():
+            state = load_checkpoint(folder / role, frames)["trainee"]["learner"]
+            policies[role] = side.evaluated(state)
+        profile = replace(self.profile, policies=policies)
+        most, seed = self.limits.evaluated_work, evaluation_seed(1)
+        return {**self.game.evaluate(profile, episodes, most, seed)}
+
     def save_beside(self, folder: Path) -> None:
         """Write every role as a separate policy, and delete snapshots that are in no pool."""
         for role, side in self.sides.items():
@@ -302,10 +341,7 @@ class SelfPlay:
                 own.mkdir(exist_ok=True)
                 maze = self.settings.task.maze_text
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
-            learner = side.learner.state_dict() | side.snapshot()
-            name = side.parts.algorithm.name
-            state = {"algorithm": name, "game": game_digest(side.parts.seat), "learner": learner}
-            save_checkpoint(own, {"trainee": state})
+            save_checkpoint(own, {"trainee": self._policy_state(side)})
         for pool in self.pools.values():
             pool.clean()
 

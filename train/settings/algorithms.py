@@ -158,6 +158,11 @@ class LibraryPPOSettings(Hyperparameters):
         super().__post_init__()
         check_minibatch(self, standardized=True)
 
+    @property
+    def ends_at_zero(self) -> bool:
+        """As in `Hyperparameters`."""
+        return True
+
 
 def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:
     """The settings of a PPO with the same rollouts, network and optimiser, changed by `own`."""

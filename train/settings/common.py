@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pursuit.plugins import Registry
 from pursuit.validation import check, choice, passes, rule
@@ -49,6 +49,8 @@ FrameStack = Annotated[
 class RunSettings(Settings):
     """Budget, seed and machine of a run."""
 
+    ADDED: ClassVar[tuple[str, ...]] = ("checkpoints", "init_from")
+
     network: Annotated[str, passes(NETWORKS.check)] = "auto"
     """mlp (or flat), convolutions (for planes), planning (value iteration layers for planes, for
     unseen mazes), recurrent (auto with a GRU), or package.module:Name of a user-defined network.
@@ -69,6 +71,13 @@ class RunSettings(Settings):
     """Budget of environment steps, summed over games and learning agents. A run ends with the
     rollout that reaches it, so it can have slightly more. With this budget, resumed
     and uninterrupted runs have bitwise equal results."""
+    checkpoints: Annotated[int, rule(lambda value: 0 <= value <= 1000, "give 0 to 1000")] = 0
+    """Policies that are kept through the run, at equal shares of the budget: with 4 at 25, 50, 75
+    and 100 %. They are evaluated there, and commands read them by --at."""
+    init_from: str | None = None
+    """The folder of a run whose weights the new run starts from, with its own settings, optimiser
+    and seed; also of one side of self-play, or of a kept policy such as
+    runs/first/checkpoints/000200000. In self-play the weights of all sides, or of one."""
     seed: Annotated[int, SEED] = 0
     """Seed of the games, the networks, the exploration and the opponents."""
     device: str = "cpu"
@@ -79,6 +88,11 @@ class RunSettings(Settings):
     fused: Annotated[str, choice("auto", "off")] = "auto"
     """auto: compiled gradient kernels where network and task allow them; off: torch autograd only.
     `update` in results.json says which was used."""
+
+    @property
+    def budget(self) -> float:
+        """The budget in its unit."""
+        return float(self.frames or self.seconds or 0.0)
 
     @property
     def budget_unit(self) -> str:

@@ -46,6 +46,11 @@ class Hyperparameters(Settings):
         """The discount at the end of training."""
         return self.gamma
 
+    @property
+    def ends_at_zero(self) -> bool:
+        """Whether the learning rate is annealed to 0."""
+        return False
+
 
 @dataclass(frozen=True)
 class NetworkSettings(Hyperparameters):
@@ -67,3 +72,8 @@ class NetworkSettings(Hyperparameters):
     """Activation function: relu or tanh."""
     first_std: Positive = 0.06
     """Initial standard deviation of the weights of the first layer, for observation index."""
+
+    @property
+    def ends_at_zero(self) -> bool:
+        """As in `Hyperparameters`."""
+        return self.anneal

@@ -111,6 +111,11 @@ class TrainSettings(RunSettings, Generic[S]):
         if self.processes > 1:
             check_several_processes(self)
 
+    @property
+    def learners(self) -> tuple[Hyperparameters, ...]:
+        """As of `SelfPlayBase`."""
+        return (self.hyper,)
+
 
 AgentSettings = TrainSettings[Hyperparameters]
 """The settings of a run of one agent, with any algorithm."""

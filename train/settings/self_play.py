@@ -91,7 +91,7 @@ class SelfPlayBase(RunSettings):
         curriculum_settings: there is no curriculum.
     """
 
-    ADDED: ClassVar[tuple[str, ...]] = ("average",)
+    ADDED: ClassVar[tuple[str, ...]] = ("average", *RunSettings.ADDED)
     UNDISCOUNTED: ClassVar[bool] = False
     curriculum_settings: ClassVar[CurriculumSettings] = CurriculumSettings()
 
@@ -186,6 +186,11 @@ class SelfPlayBase(RunSettings):
     def learning(self) -> tuple[str, ...]:
         """The roles that learn."""
         return tuple(role for role, side in self.sides.items() if not isinstance(side, str))
+
+    @property
+    def learners(self) -> tuple[Hyperparameters, ...]:
+        """The hyperparameters of all that learn."""
+        return tuple(self.side(role).hyper for role in self.learning)
 
     @property
     def discount(self) -> float:

@@ -379,6 +379,6 @@ def test_fused_off_takes_torch_and_the_loss_that_stands_there(
         trainee = SingleAgent(parts_of(settings_of(**small, fused=fused)), "greedy")
         assert trainee.learner.update_form == ("fused" if fused == "auto" else "torch")
         found.clear()
-        trainee.iterate(SimpleNamespace(progress=0.0, seconds=0.0))
+        trainee.iterate(SimpleNamespace(progress=0.0, scheduled=0.0, seconds=0.0))
         assert bool(found) == called
         trainee.close()

@@ -21,7 +21,17 @@ from tensorboard.backend.event_processing.event_multiplexer import EventMultiple
 
 from train.algorithms.registry import ALGORITHMS, entry
 from train.kinds import resume, start
-from train.runs.folder import RESULTS, RUN, SELF_PLAY, load_checkpoint, read_metrics
+from train.runs.folder import (
+    RESULTS,
+    RUN,
+    SELF_PLAY,
+    kept_policies,
+    load_checkpoint,
+    load_config,
+    read_kept_list,
+    read_metrics,
+    sha256_in,
+)
 from train.runs.interruption import Stopped
 from train.runs.loop import Run
 from train.runs.parts import settings_of
@@ -96,7 +106,7 @@ def stop_in(run: Run, place: str, progress: float) -> None:
             signal.raise_signal(signal.SIGTERM)
         return work(*given)
 
-    trainee.evaluate = lambda: evaluated.append(run.progress) or evaluate()
+    trainee.evaluate = lambda *how: evaluated.append(run.progress) or evaluate(*how)
     setattr(trainee, place, interrupted)
     with pytest.raises(Stopped) as stopped:
         run.train()
@@ -127,7 +137,12 @@ def check_same_runs(whole: Path, parts: Path) -> None:
     check_same(load_checkpoint(whole), load_checkpoint(parts), "checkpoint")
     check_same(read_metrics(whole), read_metrics(parts), "metrics")
     check_same(points_in(whole), points_in(parts), "TensorBoard")
-    snapshots = [sorted(path.glob("pool/*/*.pt")) for path in (whole, parts)]
+    assert read_kept_list(whole).best == read_kept_list(parts).best is not None
+    assert len(read_kept_list(parts).kept) >= 3
+    snapshots = [
+        sorted([*path.glob("pool/*/*.pt"), *path.glob("**/checkpoints/*/*.pt")])
+        for path in (whole, parts)
+    ]
     assert [p.relative_to(whole) for p in snapshots[0]] == [
         p.relative_to(parts) for p in snapshots[1]
     ]
@@ -177,6 +192,7 @@ def tiny(algorithm: str, **flat: Any) -> Any:
             **smallest(algorithm),
             "algorithm": algorithm,
             "threads": 1,
+            "checkpoints": 3,
             "frames": LONGER.get(algorithm, FRAMES),
             "curriculum": "none",
             **flat,
@@ -284,6 +300,7 @@ def both(task: dict[str, Any] | None = None, **changes: Any) -> SelfPlaySettings
         "frames": 2 * FRAMES,
         "snapshots": 7,
         "pool_size": 3,
+        "checkpoints": 3,
         **({"window": 2} if changes.get("sampling") == "window" else {}),
         **changes,
     }
@@ -327,6 +344,7 @@ def test_runs_in_small_games_resume(tmp_path: Path) -> None:
     check_resumption(RUN, tiny("ppo", curriculum="opponent-epsilon", **game), tmp_path / "single")
     sides = {"b": {"algorithm": "dqn"}, "c": "uniform", "members": ("uniform",)}
     given = {**TINY, "frames": FRAMES, "snapshots": 4, "sampling": "pfsp", "threads": 1, **sides}
+    given["checkpoints"] = 3
     known = {name: given[name] for name in given if name not in ("population", "elite_share")}
     settings = self_play_settings_of(game="trained_games:Crowd", **known)
     check_resumption(SELF_PLAY, settings, tmp_path / "play")
@@ -370,6 +388,172 @@ def test_every_learner_of_self_play_resumes_in_a_scheme(
 )  # fmt: skip
 def test_teams_and_memories_resume(changes: Any, tmp_path: Path) -> None:
     check_resumption(SELF_PLAY, both(**changes), tmp_path)
+
+
+# -- longer budgets --------------------------------------------------------------------------------
+
+GAME = {"game": "trained_games:Stones(num_players=3)", "player": "b", "observation": "one_hot"}
+EXTENDED: dict[str, tuple[str, Callable[[], Any]]] = {
+    **{name: (RUN, lambda name=name: of_any(name)) for name in SINGLE},
+    "a curriculum": (RUN, lambda: taught("ppo", "opponent-epsilon")),
+    "an adaptive curriculum": (RUN, lambda: taught("ppo", "success-gated")),
+    "a small game": (RUN, lambda: tiny("ppo", **GAME)),
+    "a recurrent network": (RUN, lambda: tiny("ppo", recurrent="gru", **CHASER)),
+    "latest": (SELF_PLAY, both),
+    "pfsp": (SELF_PLAY, lambda: both(sampling="pfsp", members=("astar",))),
+    "nash-mixture": (SELF_PLAY, lambda: both(sampling="nash-mixture", pool_size=7)),
+}
+
+
+def of_any(algorithm: str) -> Any:
+    """A short run of a runner, or of an arm."""
+    return tiny(algorithm, **(RUNNER if "discrete" in ALGORITHMS[algorithm].actions else ARM))
+
+
+def trained_state(folder: Path) -> Any:
+    """The state of training without what evaluations change, which are at other times."""
+    state = load_checkpoint(folder)["trainee"]
+    for name in ("finished", "teacher", "progress", "partners"):
+        state.pop(name, None)
+    return state
+
+
+@pytest.mark.filterwarnings("ignore:.*annealed to 0")
+@pytest.mark.parametrize("name", EXTENDED)
+def test_a_run_with_a_longer_budget_ends_where_one_without_an_end_between_does(
+    name: str, tmp_path: Path
+) -> None:
+    """The same iterations with the schedules of the first budget; stopped and killed on the way."""
+    kind, make = EXTENDED[name]
+    settings = make()
+    frames = settings.frames
+    whole = start(kind, replace(settings, frames=2 * frames), tmp_path / "whole")
+    whole.budget = replace(whole.budget, schedule=float(frames))
+    whole.train()
+    parts = tmp_path / "parts"
+    start(kind, settings, parts).train()
+    rows = read_metrics(parts)
+    stop_in(resume(parts, kind, frames=2 * frames), "iterate", 0.6)
+    with pytest.raises(KilledError):
+        carry_on(resume(parts, kind), 0.8, kill)
+    resume(parts, kind).train()
+    check_same(trained_state(tmp_path / "whole"), trained_state(parts), name)
+    longer = read_metrics(parts)
+    check_same(longer[: len(rows)], rows, "the evaluations of the first budget")
+    assert len(longer) > len(rows) and longer[-1]["frames"] >= 2 * frames
+    assert len(read_kept_list(parts).kept) >= 4
+
+
+@pytest.mark.parametrize("kind", [RUN, SELF_PLAY])
+def test_schedules_keep_their_end_or_extend_over_the_new_budget(kind: str, tmp_path: Path) -> None:
+    settings = tiny("ppo", **CHASER) if kind == RUN else both()
+    shares = []
+    for stretch in (False, True):
+        folder = tmp_path / str(stretch)
+        start(kind, settings, folder).train()
+        with contextlib.nullcontext() if stretch else pytest.warns(UserWarning, match="to 0"):
+            run = resume(folder, kind, frames=4 * settings.frames, stretch=stretch)
+        shares.append(run.scheduled)
+        (own,) = load_config(folder).longer
+        assert (own.budget, own.at, own.stretch) == (settings.frames, run.trainee.frames, stretch)
+        assert own.sha256 == sha256_in(folder)
+        if kind == SELF_PLAY:
+            before = len(list(folder.glob("pool/chaser/*.pt")))
+            run.trainee.pools["chaser"].capacity = 100  # so that all are kept
+        run.train()
+        if kind == SELF_PLAY:  # of 7 over the first budget
+            new = len(list(folder.glob("pool/chaser/*.pt"))) - before
+            assert new == pytest.approx(5 if stretch else 21, abs=1)
+    assert shares == [pytest.approx(4 * share) for share in shares[1:] for _ in (0,)] + shares[1:]
+    assert 1.0 <= shares[0] < 1.1
+
+
+def test_a_budget_in_seconds_is_extended(tmp_path: Path) -> None:
+    settings = replace(tiny("ppo", **CHASER, anneal=False), frames=None, seconds=0.05)
+    start(RUN, settings, tmp_path / "run").train()
+    run = resume(tmp_path / "run", RUN, seconds=0.1)
+    frames = run.trainee.frames
+    run.train()
+    assert run.seconds >= 0.1 and run.trainee.frames > frames
+    assert resume(tmp_path / "run", RUN).is_trained
+
+
+# -- weights of other runs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in EXTENDED if name != "nash-mixture"])
+def test_a_run_that_starts_from_the_weights_of_another_resumes(name: str, tmp_path: Path) -> None:
+    kind, make = EXTENDED[name]
+    settings, source = make(), tmp_path / "source"
+    start(kind, settings, source).train()
+    settings = replace(settings, init_from=str(source), seed=1)
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    run = start(kind, settings, whole)
+    assert load_config(whole).init_sha256 == sha256_in(source)
+    there = load_checkpoint(source)["trainee"]
+    for own, other in (
+        [(run.trainee.learner.state_dict(), there["learner"])]
+        if kind == RUN
+        else [
+            (side.learner.state_dict(), load_checkpoint(source / role)["trainee"]["learner"])
+            for role, side in run.trainee.sides.items()
+        ]
+    ):
+        for part in {"network", "q_values"} & {*own}:
+            weights = [
+                dict(each) if part == "network" else each for each in (own[part], other[part])
+            ]
+            check_same(*weights, part)
+        assert own["frames"] == 0
+    run.train()
+    start(kind, settings, parts)  # killed before the first iteration
+    stop_in(resume(parts, kind), "iterate", 0.4)
+    resume(parts, kind).train()
+    check_same_runs(whole, parts)
+
+
+def test_weights_of_another_maze_of_a_side_and_of_a_kept_policy(tmp_path: Path) -> None:
+    pair = both(observation="positions", frames=FRAMES)
+    start(SELF_PLAY, pair, tmp_path / "pair").train()
+    side = tmp_path / "pair" / "chaser"
+    game = {**CHASER, "maze": "5x5", "observation": "positions", "shared": True}
+    for source in (side, *kept_policies(side).values()):
+        if source.is_dir():
+            run = start(
+                RUN, tiny("ppo", **game, init_from=str(source)), tmp_path / f"of {source.name}"
+            )
+            weights = load_checkpoint(source)["trainee"]["learner"]["network"]
+            check_same(dict(run.trainee.learner.network.state_dict()), dict(weights), "weights")
+    alone = tmp_path / "alone"
+    start(RUN, tiny("ppo", **{**game, "maze": "3x3", "role": "evader"}), alone).train()
+    run = start(SELF_PLAY, replace(pair, init_from=str(alone)), tmp_path / "of one")
+    weights = load_checkpoint(alone)["trainee"]["learner"]["network"]
+    check_same(run.trainee.sides["evader"].weights, dict(weights), "weights")
+    assert not torch.equal(
+        run.trainee.sides["chaser"].weights["policy_head.weight"], weights["policy_head.weight"]
+    )
+    # Without a checkpoint it starts from the source again, which must be the same.
+    (alone / "checkpoint.pt").unlink()
+    with pytest.raises(ValueError, match="other weights than when it was started"):
+        resume(tmp_path / "of one", SELF_PLAY)
+
+
+def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    start(RUN, tiny("ppo", **CHASER), source).train()
+    for name, flat in {
+        "width": {"width": 16},
+        "maze": {"maze": "5x5"},
+        "dqn": {"algorithm": "dqn"},
+        "table": {"algorithm": "q_learning"},
+    }.items():
+        given = {"algorithm": "ppo", **CHASER, **flat, "init_from": str(source)}
+        with pytest.raises(ValueError, match=r"init_from='.*source': its network does not fit"):
+            start(RUN, tiny(given.pop("algorithm"), **given), tmp_path / name)
+    with pytest.raises(ValueError, match="no run here"):
+        start(RUN, tiny("ppo", **CHASER, init_from=str(tmp_path)), tmp_path / "none")
+    with pytest.raises(ValueError, match="has no policy of evader"):
+        start(SELF_PLAY, both(chaser="astar", init_from=str(source)), tmp_path / "other")
 
 
 # -- random states ---------------------------------------------------------------------------------

@@ -295,13 +295,14 @@ def test_a_callback_is_called_at_snapshots_and_changes_nothing(tmp_path: Path) -
         run = make_run(tmp_path / name, frames=12_000)
         if name == "with":
             run.trainee.on_snapshot = lambda pair: seen.append((
-                pair.taken, pair.pools["chaser"].snapshots[-1].name, pair.evaluate()["nash_conv"]
+                pair.taken, pair.pools["chaser"].snapshots[-1].name, pair.evaluate()["nash_conv"],
+                pair.frames,
             ))  # fmt: skip
         run.train()
         ends.append(run.trainee.sides["chaser"].snapshot()["network"])
-    assert [taken for taken, _, _ in seen] == [1, 2, 3, 4, 5]
-    assert [name for _, name, _ in seen] == [f"{n:05d}" for n in range(1, 6)]
-    assert all(nash_conv > 0 for _, _, nash_conv in seen)
+    assert [taken for taken, *_ in seen] == [1, 2, 3, 4, 5]
+    assert all(name == f"{frames:09d}" for _, name, _, frames in seen)
+    assert all(nash_conv > 0 for _, _, nash_conv, _ in seen)
     assert all(torch.equal(weight, ends[1][name]) for name, weight in ends[0].items())
 
 
