@@ -84,6 +84,7 @@ from scripted_agents.games import nash_conv as nash_conv
 from scripted_agents.games import respond as respond
 from scripted_agents.games import returns_of as returns_of
 from scripted_agents.games import small_game_v0 as small_game_v0
+from train import Tracker as Tracker
 from train import export_policy as export_policy
 from train import load_policy as load_policy
 from train import open_run as open_run

@@ -6,3 +6,4 @@ from .runs.export import export_policy as export_policy
 from .runs.interruption import Stopped as Stopped
 from .runs.opponents import load_policy as load_policy
 from .runs.parts import settings_of as settings_of
+from .tracker import Tracker as Tracker

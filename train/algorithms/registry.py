@@ -30,6 +30,7 @@ from train.algorithms import (
     qmix,
     regularized,
     stable_baselines,
+    tracked,
     vdn,
 )
 from train.algorithms.learner import Build, Learner, network_loader
@@ -223,7 +224,8 @@ ALGORITHMS: dict[str, Algorithm] = {}
 
 def _names_of(condition: Callable[[Algorithm], bool]) -> list[str]:
     """The names of the algorithms for which a condition holds."""
-    return [name for name, algorithm in ALGORITHMS.items() if condition(algorithm)]
+    able = {name: each for name, each in ALGORITHMS.items() if name != "tracked"}
+    return [name for name, algorithm in able.items() if condition(algorithm)]
 
 
 def register(algorithm: Algorithm) -> None:
@@ -289,6 +291,7 @@ _ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent
 _ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)
+_ours("tracked", tracked.TrackedLearner, load=tracked.load, **_GREEDY, **_BOTH)
 _ours("cleanrl_ppo", cleanrl.CleanRLPPO, cleanrl.network_of, own_loop=True, package="torch")
 _ours(
     "sb3_ppo",

@@ -114,8 +114,8 @@ def fingerprint(kind: str, settings: Any, episodes: int, inputs: Mapping[str, In
     digests = {name: policy.digest for name, policy in inputs.items() if name in named}
     plain = {**settings.REMOVED, **asdict(with_policies(settings, digests))}
     for name in RunSettings.ADDED:  # without effect unless they are given: names stay
-        if name in plain and plain[name] == getattr(RunSettings, name):
-            del plain[name]
+        if name == "log" or plain.get(name) == getattr(RunSettings, name):
+            plain.pop(name, None)
     if (maze := settings.task.maze_text) is not None:
         plain["task"]["maze"] = maze
     mazes = plain.get("curriculum_settings", {}).get("curriculum_mazes")

@@ -5,19 +5,18 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Generic
+from typing import Generic
 
 import torch
 from filelock import BaseFileLock
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
 from pursuit.compilation.compiler import now_without_compilation
-from pursuit.files import cannot_write
 from scripted_agents.exact.long_work import Tell, in_time
 from train.files import Plain, write_csv, write_json
 from train.machine import machine, versions
@@ -40,6 +39,7 @@ from train.runs.folder import (
 )
 from train.runs.forms import Longer
 from train.runs.interruption import Diverged, Signals, Stopped
+from train.runs.logs import Logs
 from train.runs.provenance import recorded_parts
 from train.runs.threads import (
     ThreadChoice,
@@ -52,9 +52,6 @@ from train.runs.trainee import Parts, Trainee
 from train.settings.run import TrainSettings
 from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite, own_defaults
-
-if TYPE_CHECKING:  # slow to import; only training needs it
-    from torch.utils.tensorboard import SummaryWriter
 
 BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 """Episodes and their steps in a dry run of the results."""
@@ -147,6 +144,7 @@ class Run(Generic[T]):
         marks: the shares of the budget at which the policy is evaluated and saved, in order; None
             for `EVALUATIONS` in even distances.
         checkpoints: the number of policies that are kept, in even distances, which are evaluated.
+        log: names of logs for other programs, as in the settings.
 
     Attributes:
         trainee, folder, budget, checkpoints: the arguments.
@@ -170,9 +168,10 @@ class Run(Generic[T]):
         state: Plain | None = None,
         marks: Sequence[float] | None = None,
         checkpoints: int = 0,
+        log: str = "none",
     ) -> None:
         self.trainee, self.folder, self.budget, self.stopped = trainee, folder, budget, False
-        self.checkpoints, self.ended = evenly(checkpoints), False
+        self.checkpoints, self.ended, self.log_setting = evenly(checkpoints), False, log
         given = evenly(EVALUATIONS) if marks is None else marks
         self.marks = sorted({*given, *self.checkpoints})
         self.seconds, self.evaluations, self.figures = 0.0, 0, dict[str, float]()
@@ -231,41 +230,67 @@ class Run(Generic[T]):
         return self.is_spent and self.evaluations >= self.due
 
     @own_defaults()
-    def train(self, report: OnReport[T] = lambda run, row: None) -> None:
-        """Train until the end of the budget, or until `stopped` is set by `report`.
+    def train(
+        self,
+        report: OnReport[T] = lambda run, row: None,
+        callback: Callable[[Run[T]], object] = lambda run: None,
+    ) -> None:
+        """Train until the end of the budget, or until `stopped` is set.
 
         After Ctrl-C or SIGTERM the run is saved without an evaluation, at once or after the current
         iteration. A second signal ends it without saving.
 
         Args:
             report: called with every row of `metrics.csv`, and with {} after every iteration.
+            callback: called with this run after every evaluation, which is `rows[-1]`. It may end
+                training (`run.stopped = True`), log values (`run.log({"name": 1.0})`), keep the
+                present policies (`run.keep()`), and use the trainee (`run.trainee.policy`).
 
         Raises:
             Diverged: a value is not finite; the last checkpoint is kept.
             Stopped: after a signal, a kind of `KeyboardInterrupt`.
         """
-        with Signals() as signals, contextlib.closing(self.trainee), self._tensorboard() as board:
+
+        def told(run: Run[T], row: dict[str, float]) -> None:
+            report(run, row)
+            if row:
+                callback(run)
+
+        with Signals() as signals, contextlib.closing(self.trainee), self.logging():
             try:
-                self._train(signals, board, report)
+                self._train(signals, told)
             except Stopped:
                 # After a second signal the learner may be in the middle of an iteration.
                 if signals.count == 1 and self.trainee.frames > self.saved_frames:
                     self.save()
                 raise
 
-    def _train(self, signals: Signals, board: SummaryWriter, report: OnReport[T]) -> None:
+    @contextlib.contextmanager
+    def logging(self) -> Iterator[None]:
+        """A part in which evaluations are logged for other programs."""
+        self.logs = Logs(self.log_setting, self.folder)
+        try:
+            yield
+        finally:
+            self.logs.close()
+
+    def log(self, values: Mapping[str, float]) -> None:
+        """Write further values into the logs for other programs, at the present frames."""
+        self.logs.write(values, self.trainee.frames)
+
+    def _train(self, signals: Signals, report: OnReport[T]) -> None:
         trainee, cores = self.trainee, os.cpu_count() or 1
         # Results depend on the number of threads in the last bits, so it may be fixed.
         free = self.budget.free_threads and cores > 1
         choice, spent = ThreadChoice(cores) if free else None, 0.0
         if trainee.evaluates_first and not self.rows:
-            self._record(signals, board, report)
+            self.evaluate(report, signals)
         self.dry_run()
         while True:
             # Counted by progress, so that a resumed run has the same evaluations.
             last = self.rows[-1]["frames"] if self.rows else -1.0
             if self.due > self.evaluations or (self.stopped and last < trainee.frames):
-                self._record(signals, board, report)
+                self.evaluate(report, signals)
             if self.is_spent or self.stopped:
                 return
             before = f"the last one took {spent:.0f} s" if spent else "the first compiles kernels"
@@ -312,11 +337,14 @@ class Run(Generic[T]):
         torch.set_num_threads(threads)
         set_random_states(states)
 
-    def _record(self, signals: Signals, board: SummaryWriter, report: OnReport[T]) -> None:
+    def evaluate(
+        self, report: OnReport[T] = lambda run, row: None, signals: Signals | None = None
+    ) -> None:
         """Evaluate, and save the row, the policies that are kept, and the checkpoint.
 
         One that is not due, where `report` stopped the run, leaves no trace in a resumed run.
         """
+        signals = signals or Signals()
         frames, due = self.trainee.frames, self.due > self.evaluations
         due = due or frames == 0
         kept_before = self._passed(self.checkpoints)
@@ -333,22 +361,21 @@ class Run(Generic[T]):
             self.rows.append(row)
             self.last_is_due = due
             write_csv(self.folder / METRICS, self.rows)
-            if due and (self._passed(self.checkpoints) > kept_before or self.ended):
-                self._keep(row)
+            passed = self._passed(self.checkpoints) > kept_before or self.ended
+            if due and passed and self.checkpoints:
+                self.keep()
             if due:
                 self.evaluations = self.due
                 self.trainee.forget_episodes()
             self.save()
             if due:
-                with self._writes_tensorboard():
-                    for name, value in row.items():
-                        board.add_scalar(name, value, frames)
+                self.log(row)
         report(self, row)
 
-    def _keep(self, row: dict[str, float]) -> None:
-        """Keep the policies, and list them; the list has none of evaluations that are repeated."""
-        if not self.checkpoints:
-            return
+    def keep(self) -> None:
+        """Keep the policies of the last evaluation, as the setting `checkpoints` does."""
+        # The list has none of evaluations that are repeated.
+        row = self.rows[-1]
         frames, aim = int(row["frames"]), self.trainee.objective
         self.trainee.keep(self.folder, frames_name(frames))
         before = {int(each["frames"]) for each in self.rows} - {frames}
@@ -356,27 +383,6 @@ class Run(Generic[T]):
         kept.append({name: row[name] for name in ("frames", "seconds", aim.column)})
         best = (min if aim.less_is_better else max)(kept, key=lambda each: each[aim.column])
         write_json(self.folder / KEPT_LIST, {"best": int(best["frames"]), "kept": kept})
-
-    @contextlib.contextmanager
-    def _tensorboard(self) -> Iterator[SummaryWriter]:
-        """The events for TensorBoard, closed at the end."""
-        from torch.utils.tensorboard import SummaryWriter  # slow to import
-
-        with self._writes_tensorboard():
-            board = SummaryWriter(str(self.folder / "tensorboard"))
-        try:
-            yield board
-        finally:
-            with self._writes_tensorboard():
-                board.close()
-
-    @contextlib.contextmanager
-    def _writes_tensorboard(self) -> Iterator[None]:
-        """Name the folder of events in errors of the operating system."""
-        try:
-            yield
-        except OSError as error:
-            raise cannot_write(self.folder / "tensorboard", error) from None
 
     @contextlib.contextmanager
     def _watched(self) -> Iterator[None]:
@@ -509,7 +515,7 @@ def build_run(
         settings = parts.settings
         trainee = trainee_of(parts, folder, None if state is None else state["trainee"])
         budget = budget or Budget.of(settings)
-        return Run(trainee, folder, budget, state, marks, settings.checkpoints)
+        return Run(trainee, folder, budget, state, marks, settings.checkpoints, settings.log)
     except MISFITS as error:
         if state is None:
             raise

@@ -18,6 +18,7 @@ from train.algorithms.registry import Algorithm, Build, entry
 from train.families.family import TaskWorld
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
+from train.runs.logs import logs_of
 from train.runs.saved import learning_seat, unchecked_settings
 from train.runs.threads import uses_bfloat16
 from train.runs.worlds import contest_of as contest_of
@@ -81,6 +82,7 @@ def parts_of(settings: AgentSettings, rank: int = 0) -> Parts:
             algorithm or the curriculum.
     """
     algorithm, hyper, seat = entry(settings.algorithm), settings.hyper, learning_seat(settings)
+    logs_of(settings.log)
     check(
         type(hyper) is algorithm.settings,
         f"algorithm={algorithm.name!r} with {type(hyper).__name__}; give "

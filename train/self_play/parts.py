@@ -13,6 +13,7 @@ from train.evaluation.sides import Sides
 from train.families import family_of
 from train.files import Plain
 from train.runs.forms import RESTORE
+from train.runs.logs import logs_of
 from train.runs.opponents import is_self_play, policy_of
 from train.runs.parts import build_of, check_sizes
 from train.runs.saved import agent_seat, learning_seat, load_settings
@@ -73,6 +74,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     """
     given = settings.task
     check_learners(settings)
+    logs_of(settings.log)
     game = game_of_all(given, settings.discount)
     if settings.sampling in NASH_SAMPLING and isinstance(game.mixtures, Missing):
         why = game.mixtures.reason
@@ -187,6 +189,7 @@ def response_settings(settings: SelfPlayBase, role: str, folder: Path) -> SelfPl
         members=(),
         checkpoints=0,
         init_from=None,
+        log="none",
         best_response_seconds=0.0,
         seconds=seconds,
         frames=frames,

@@ -394,6 +394,16 @@ class QLearningSettings(Hyperparameters):
     """Fraction of the budget over which epsilon is annealed."""
 
 
+@dataclass(frozen=True)
+class TrackedSettings(Hyperparameters):
+    """Of learners outside of this package (`train.Tracker`)."""
+
+    num_games: Count = 1
+    """No games are simulated for learning."""
+    gamma: Share = 1.0
+    """Has no effect."""
+
+
 HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "ppo": PPOSettings,
     "a2c": A2CSettings,
@@ -413,6 +423,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "qmix": QMIXSettings,
     "sb3_ppo": LibraryPPOSettings,
     "cleanrl_ppo": LibraryPPOSettings,
+    "tracked": TrackedSettings,
 }
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 

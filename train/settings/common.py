@@ -13,6 +13,8 @@ from pursuit.validation import check, choice, passes, rule
 from train.files import Plain
 from train.settings.checks import CLOCKS, MOST_FRAMES, PRECISIONS, SEED, SHARE, Settings
 
+LOGS = ("tensorboard", "wandb", "mlflow")
+"""Logs for other programs, by the names of their packages."""
 NETWORKS: Registry[Any] = Registry(
     "network",
     "a function or class (features, width) -> torch.nn.Module",
@@ -40,6 +42,16 @@ def check_min_probability(given: float | None, moves: int) -> float:
     return least
 
 
+def check_logs(given: str) -> None:
+    """ValueError unless all logs are known."""
+    for name in given.split(","):
+        alone = name in ("auto", "none") and name == given
+        check(
+            alone or name in LOGS,
+            f"log={given!r}; give {', '.join(LOGS)}, several with commas, or none",
+        )
+
+
 FrameStack = Annotated[
     int, rule(lambda value: 1 <= value <= MOST_FRAMES, f"give 1 (no stacking) to {MOST_FRAMES}")
 ]
@@ -49,7 +61,7 @@ FrameStack = Annotated[
 class RunSettings(Settings):
     """Budget, seed and machine of a run."""
 
-    ADDED: ClassVar[tuple[str, ...]] = ("checkpoints", "init_from")
+    ADDED: ClassVar[tuple[str, ...]] = ("checkpoints", "init_from", "log")
 
     network: Annotated[str, passes(NETWORKS.check)] = "auto"
     """mlp (or flat), convolutions (for planes), planning (value iteration layers for planes, for
@@ -78,6 +90,9 @@ class RunSettings(Settings):
     """The folder of a run whose weights the new run starts from, with its own settings, optimiser
     and seed; also of one side of self-play, or of a kept policy such as
     runs/first/checkpoints/000200000. In self-play the weights of all sides, or of one."""
+    log: Annotated[str, passes(check_logs)] = "auto"
+    """Logs of the evaluations for other programs while training: tensorboard, wandb, mlflow,
+    several with commas, or none. auto: tensorboard where it is installed."""
     seed: Annotated[int, SEED] = 0
     """Seed of the games, the networks, the exploration and the opponents."""
     device: str = "cpu"

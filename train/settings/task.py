@@ -350,6 +350,7 @@ class ReacherSettings(TaskForm):
     """An arm that moves its tip to a target in as few steps as possible."""
 
     OBSERVATION: ClassVar[str] = "positions"
+    ENV_OBSERVATION: ClassVar[str] = "positions"
     TASKS: ClassVar[tuple[str, ...]] = (REACHER,)
     IDENTITY: ClassVar[tuple[str, ...]] = ()
 

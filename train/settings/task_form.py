@@ -18,7 +18,7 @@ class TaskForm(Settings):
     """The settings of a task of one family, and of the policies of its other agents.
 
     Attributes:
-        OBSERVATION: the default observation of learners.
+        OBSERVATION, ENV_OBSERVATION: the default observations of learners and of environments.
         AGENT: the setting with the learning agent; "" where there is one agent only.
         POLICIES: the settings of the policies of other agents.
         AGENTS: the names of built-in policies.
@@ -28,6 +28,7 @@ class TaskForm(Settings):
     """
 
     OBSERVATION: ClassVar[str] = "index"
+    ENV_OBSERVATION: ClassVar[str] = "one_hot"
     AGENT: ClassVar[str] = ""
     POLICIES: ClassVar[tuple[str, ...]] = ()
     AGENTS: ClassVar[tuple[str, ...]] = ()
