@@ -19,49 +19,67 @@ def command_line() -> str:
     from train.commands.main import COMMANDS, main
 
     os.environ.update(COLUMNS="100", NO_COLOR="1")
-    parts = ["# Command line", "The output of `pursuit COMMAND --help`, generated at build time."]
+    parts = [
+        "# Command line",
+        "The output of `pursuit COMMAND --help`, of `train` and `self-play` with `--help-all`, "
+        "generated at build time.",
+    ]
     for name in ("", *COMMANDS):
         shown = io.StringIO()
         with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
-            main([*name.split(), "--help"])
+            main([*name.split(), "--help-all" if name in ("train", "self-play") else "--help"])
         parts.append(f"## pursuit {name}".rstrip())
         parts.append(f"```text\n{shown.getvalue().rstrip()}\n```")
     return "\n\n".join(parts) + "\n"
 
 
 def settings() -> str:
-    """A table for every class of settings, with names, defaults and meanings."""
+    """Tables of all settings, in the groups of the help, with names, defaults and meanings."""
     from train.settings import algorithms, curricula, run, self_play, task
+    from train.settings.groups import GROUPS, group_of
 
-    groups = {
-        "Tasks": (task.TaskSettings, task.ReacherSettings),
-        "A run": (run.TrainSettings,),
-        "Self-play": (self_play.SelfPlaySettings,),
-        "Algorithms": tuple(algorithms.HYPERPARAMETERS.values()),
-        "Curricula": tuple(dict.fromkeys(curricula.CURRICULA.values())),
-    }
+    forms: tuple[type[Any], ...] = (
+        run.TrainSettings,
+        self_play.SelfPlaySettings,
+        task.TaskSettings,
+        task.ReacherSettings,
+        task.SmallGameSettings,
+        *dict.fromkeys(algorithms.HYPERPARAMETERS.values()),
+        *dict.fromkeys(curricula.CURRICULA.values()),
+    )
     parts = [
         "# Settings",
-        "Generated from the dataclasses at build time. The names are those of `config.json`, of "
-        "sweep files and of Python; on the command line `num_games` is `--num-games`.",
+        "Generated from the dataclasses at build time, in the groups of `--help-all`. The names "
+        "are those of `config.json`, of sweep files, of files for `--config` and of Python; on the "
+        "command line `num_games` is `--num-games`.",
     ]
-    for title, forms in groups.items():
-        parts.append(f"## {title}")
-        for form in forms:
-            parts += [f"### {form.__name__}", inspect.getdoc(form) or "", table(form)]
+    for title in GROUPS:
+        of_group = [
+            (form, {each.name for each in dataclasses.fields(form)
+                    if group_of(form, each.name) == title and has_default(each)})
+            for form in forms
+        ]  # fmt: skip
+        if any(names for _, names in of_group):
+            parts.append(f"## {title}")
+        for form, names in of_group:
+            if names:
+                parts += [f"### {form.__name__}", inspect.getdoc(form) or "", table(form, names)]
     return "\n\n".join(parts) + "\n"
 
 
-def table(form: type[Any]) -> str:
-    """The fields of a dataclass."""
+def has_default(field: dataclasses.Field[Any]) -> bool:
+    """Whether a table shows this field: others are settings themselves."""
+    return field.default is not dataclasses.MISSING
+
+
+def table(form: type[Any], names: set[str]) -> str:
+    """These fields of a dataclass."""
     meanings = dict(documented(form))
     rows = ["| name | default | meaning |", "|---|---|---|"]
     for field in dataclasses.fields(form):
-        default = field.default
-        if default is dataclasses.MISSING:
-            continue
-        meaning = " ".join(meanings.get(field.name, "").split()).replace("|", "\\|")
-        rows.append(f"| `{field.name}` | `{default!r}` | {meaning} |")
+        if field.name in names:
+            meaning = " ".join(meanings.get(field.name, "").split()).replace("|", "\\|")
+            rows.append(f"| `{field.name}` | `{field.default!r}` | {meaning} |")
     return "\n".join(rows)
 
 

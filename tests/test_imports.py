@@ -190,6 +190,9 @@ print(sorted((slow | {{"matplotlib"}}) & {{*sys.modules}}))
 
 
 HELP = [["--help"], ["--version"], *([name, "--help"] for name in COMMANDS)]
+HELP += [
+    [name, option] for name in ("train", "self-play") for option in ("--help-all", "--print-config")
+]
 REFUSED = [
     ["trian"],
     ["train", "--bogus", "3"],
@@ -204,6 +207,7 @@ REFUSED = [
     ["train", "--episodes", "1"],
     ["train", "--out", "README.md"],
     ["train", "--resume", "no/such/folder"],
+    ["train", "--config", "no/such.toml"],
     ["self-play", "--sampling", "bogus"],
     ["self-play", "--out", "README.md"],
     ["evaluate", "no/such/folder"],

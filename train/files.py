@@ -7,6 +7,7 @@ import csv
 import json
 import os
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -145,6 +146,14 @@ def read_json(path: Path) -> Any:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError):  # RecursionError for very deep nesting
         raise ValueError(f"{path}: damaged, not JSON; restore it from a copy") from None
+
+
+def read_toml(path: Path, remedy: str) -> Plain:
+    """The TOML in `path`; ValueError with the path and the remedy if it is damaged."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: not TOML: {error}; {remedy}") from None
 
 
 def _number(text: str) -> float:

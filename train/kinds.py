@@ -40,7 +40,7 @@ from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_parts, check_sources, command_line
 from train.runs.saved import from_plain
 from train.runs.single import single_agent
-from train.runs.unused_settings import check_unused_settings
+from train.runs.unused_settings import check_unused_settings, resolved_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
 from train.self_play.trainee import SelfPlay
 from train.settings.common import RunSettings
@@ -126,18 +126,23 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     remove_leftovers(path)
     run: Run = own.run_of(parts, path, None)
     run.lock = lock
-    write_config(kind, settings, path, final)
+    write_config(kind, settings, path, final, resolved_settings(settings))
     return run
 
 
 def write_config(
-    kind: str, settings: WholeSettings, folder: Path, final: Final | None = None
+    kind: str,
+    settings: WholeSettings,
+    folder: Path,
+    final: Final | None = None,
+    resolved: Plain | None = None,
 ) -> None:
-    """Write `config.json`, with maze files replaced by their text."""
+    """Write `config.json`, with maze files replaced by their text; `resolved` as of
+    `save_config`."""
     own: Any = with_mazes(settings)
     plain = replace(own, task=settings.task)
     source = None if settings.init_from is None else sha256_in(Path(settings.init_from))
-    save_config(folder, kind, plain, settings.task.maze_text, final, source)
+    save_config(folder, kind, plain, settings.task.maze_text, final, source, resolved)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:

@@ -12,8 +12,6 @@ import subprocess
 from functools import cache, partial
 from pathlib import Path
 
-import torch
-
 import pursuit
 
 CPUINFO = Path("/proc/cpuinfo")
@@ -39,6 +37,19 @@ def processor() -> str:
 def has_fast_bfloat16() -> bool:
     """Whether this processor multiplies bfloat16 matrices in hardware."""
     return "avx512_bf16" in _cpuinfo() or "amx_bf16" in _cpuinfo()
+
+
+def uses_bfloat16(precision: str, device: str) -> bool:
+    """Whether a precision ("auto", "float32", "bfloat16") means bfloat16 on this machine."""
+    if precision != "auto":
+        return precision == "bfloat16"
+    if device.startswith("cuda"):
+        import torch  # slow to import
+
+        # Older cards only emulate it, slower than they compute in float32.
+        here = torch.cuda.is_available()
+        return here and torch.cuda.is_bf16_supported(including_emulation=False)
+    return has_fast_bfloat16()
 
 
 def usable_cores() -> list[int]:
@@ -67,6 +78,8 @@ def commit() -> str | None:
 
 def versions() -> dict[str, str | None]:
     """The versions of the software."""
+    import torch  # slow to import
+
     return {
         "pursuit": pursuit.__version__,
         "torch": torch.__version__,
@@ -77,4 +90,6 @@ def versions() -> dict[str, str | None]:
 
 def machine() -> dict[str, str | int | None]:
     """The machine and its threads."""
+    import torch  # slow to import
+
     return {"processor": processor(), "cores": os.cpu_count(), "threads": torch.get_num_threads()}

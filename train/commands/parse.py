@@ -5,24 +5,24 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import shutil
 import sys
-import textwrap
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType, UnionType
 from typing import Any, NoReturn, TypeVar, get_args, get_origin
 
 import tyro
-from docstring_parser import parse_from_object
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
-from pursuit.plugins import ALLOW, allow
+from pursuit.plugins import allow
 from pursuit.validation import check
+from train.commands.help import asks_help, parts_in, print_help
 from train.files import Plain
+from train.settings.groups import OTHER_NAMES
 
 Form = TypeVar("Form")
 AGENT_OPTIONS = ("--line-of-sight", "--unknown-maze")
@@ -81,16 +81,14 @@ def options_in(arguments: Sequence[str]) -> dict[str, str]:
     return found
 
 
+def names_in(arguments: Sequence[str]) -> set[str]:
+    """The names of the options in the arguments, those of flags also without "no_"."""
+    return {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
+
+
 def default_budget(options: Mapping[str, str], seconds: float) -> Plain:
     """The default budget: `seconds`, or a placeholder for frames if --frames is given."""
     return {"frames": 1} if "frames" in options else {"seconds": seconds}
-
-
-ALLOW_HELP = f"""all commands:
-  --allow MODULE    allow files (of runs, sweeps, models) to name user-defined
-                    parts of this module; can be repeated;
-                    {ALLOW}=MODULE,OTHER does the same
-"""
 
 
 def take_allow_options(arguments: Sequence[str]) -> list[str]:
@@ -179,48 +177,13 @@ tyros_is_instance: Callable[[Any, Any], bool] = getattr(RESOLVER, "is_instance",
 RESOLVER.is_instance = is_instance
 
 
-def join_lines(text: str) -> str:
-    """The paragraphs of a docstring as single lines, without the indentation of the source."""
-    return "\n\n".join(" ".join(part.split()) for part in re.split(r"\n\s*\n", text.strip()))
-
-
 @cache
-def set_help_texts(form: Any, wanted: bool) -> None:
-    """Make the docstrings of a dataclass's fields their help texts, with joined lines.
-
-    tyro finds them, too, but keeps line breaks; for the message of an error it reads those of all
-    fields without a text, and prints those of required options.
-    """
-    texts = {
-        part.arg_name: join_lines(part.description or "")
-        for base in (reversed(form.__mro__[:-1]) if wanted else ())
-        for part in parse_from_object(base).params
-    }
+def hide_help_texts(form: Any) -> None:
+    """Empty help texts of a dataclass's fields: for the message of an error tyro reads the
+    docstrings of all fields without a text. It prints those of required options."""
     for each in fields(form):
-        required = each.default is MISSING and each.default_factory is MISSING
-        other = None if wanted or required else each.metadata.get("help", "")
-        text = texts.get(each.name, other)
-        each.metadata = MappingProxyType({**each.metadata, "help": text})
-
-
-def described(form: type[object]) -> str:
-    """The docstring of a command, wrapped to the terminal, which tyro does not do.
-
-    tyro joins lines, but not those that begin with a space.
-    """
-    if str(form.__doc__).startswith(f"{form.__name__}("):  # without docstrings, as by python -OO
-        return ""
-    width = shutil.get_terminal_size().columns
-    parts = join_lines(str(form.__doc__)).split("\n\n")
-    return "\n\n".join(textwrap.fill(part, width, subsequent_indent="  ") for part in parts)
-
-
-def forms_in(value: object) -> Iterator[Any]:
-    """The dataclasses of a default value and its parts."""
-    if is_dataclass(value):
-        yield type(value)
-        for each in fields(value):
-            yield from forms_in(getattr(value, each.name))
+        if each.default is not MISSING or each.default_factory is not MISSING:
+            each.metadata = MappingProxyType({**each.metadata, "help": ""})
 
 
 def parse(
@@ -235,19 +198,21 @@ def parse(
     boxed = io.StringIO()
     extra: Plain = {} if default is None else {"default": default}
     own: Any = get_origin(form) or form
-    extra["description"] = described(own)
-    for each in (own, *forms_in(default)):
-        set_help_texts(each, not {"-h", "--help"}.isdisjoint(args))
+    if asks_help(args):
+        print_help(prog, default or own, options_in(args))
+    forms: list[Any] = [own, *map(type, parts_in(default))]
+    for each in forms:
+        hide_help_texts(each)
     try:
         with contextlib.redirect_stderr(boxed):
             return tyro.cli(
                 form, args=args, prog=f"pursuit {prog}", config=CONFIG, registry=PRIMITIVES, **extra
             )
-    except SystemExit as exit_:
-        if not exit_.code:
-            print(ALLOW_HELP)
-            raise
-        raise ValueError(f"{tyro_message(boxed.getvalue())} (see pursuit {prog} --help)") from None
+    except SystemExit:
+        parts = [vars(part) for part in parts_in(default)]
+        names = [n for part in parts for n, value in part.items() if not is_dataclass(value)]
+        message = tyro_message(boxed.getvalue(), names)
+        raise ValueError(f"{message} (see pursuit {prog} --help)") from None
 
 
 def parse_known(default: Form, arguments: Sequence[str]) -> Form:
@@ -255,9 +220,9 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
 
     For options that determine the other options; `parse` reports errors.
     """
-    args = [argument for argument in arguments if argument not in ("-h", "--help")]
-    for each in forms_in(default):
-        set_help_texts(each, wanted=False)
+    args = [argument for argument in arguments if not asks_help([argument])]
+    for each in parts_in(default):
+        hide_help_texts(each.__class__)
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
         found, _ = tyro.cli(
             type(default),
@@ -271,13 +236,18 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     return default
 
 
-def tyro_message(boxed: str) -> str:
-    """tyro's error box as one line, without Python types."""
+def tyro_message(boxed: str, names: Collection[str]) -> str:
+    """tyro's error box as one line, without Python types, for options of these names."""
     text = re.sub(r"\x1b\[[0-9;]*m|[─╭╮╰╯│]+|-{5,}", " ", boxed)
     text = " ".join(text.split("For full helptext")[0].split())
     kinds = "Value error|Parsing error|Unrecognized options|Required options|Missing argument"
     text = re.sub(rf"^({kinds})\s*", "", text)
     text = re.sub(r"Error parsing \S+: ", "", text)
+    if unknown := re.match(r"Unrecognized options: --([\w.-]+)", text):
+        name = unknown[1].replace("-", "_")
+        near = [OTHER_NAMES.get(name), *get_close_matches(name, names, 1)]
+        if meant := next((each for each in near if each in names), None):
+            text = f"{unknown[0]} Perhaps you meant --{meant.replace('_', '-')}"
     text = re.sub(r" Perhaps you meant:? (--\S+).*", r"; perhaps you meant \1", text)
     wrong = r"(invalid literal for int\(\) with base 10|could not convert string to float)"
     number = re.search(rf"{wrong}: (?P<value>'[^']*')", text)

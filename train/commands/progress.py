@@ -9,7 +9,7 @@ from math import isnan
 from pathlib import Path
 from shlex import quote
 from time import perf_counter, strftime
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from train.commands.parse import options_in
 from train.commands.run_options import RunCommand
@@ -108,6 +108,7 @@ def start_or_resume(
     """
     from train.runs.folder import CONFIG, check_new, load_config
     from train.runs.forms import Final
+    from train.runs.unused_settings import resolved_settings
 
     final, folder = Final(), given.resume
     if folder is not None and (folder / CONFIG).exists():
@@ -127,6 +128,9 @@ def start_or_resume(
         budget = {*options_in(arguments)} & {"frames", "seconds"}
         new = {name: getattr(settings, name) for name in budget}
         run = resume(folder, kind, stretch=given.stretch, **new)
+    trainee: Any = run.trainee
+    if chosen := resolved_settings(trainee.parts.settings):
+        print(f"auto: {', '.join(f'{name} {value}' for name, value in chosen.items())}")
     return run, final
 
 

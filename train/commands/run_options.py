@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pursuit.validation import check
+from train.commands.help import asks_help
 from train.commands.parse import options_in
 
 
@@ -16,6 +17,11 @@ class RunCommand:
 
     out: Path | None = None
     """New folder for the run. None: runs/NAME-TIME."""
+    config: Path | None = None
+    """TOML file with settings by name, as --print-config writes it; in self-play a table for each
+    side. Options on the command line take precedence."""
+    print_config: bool = False
+    """Print all settings as a file for --config, with comments at defaults, and exit."""
     resume: Path | None = None
     """Resume the run in this folder, with its settings. With --frames or --seconds it goes on with
     this longer budget; otherwise only --episodes, --exact-seconds, --report and --allow may be
@@ -37,7 +43,7 @@ class RunCommand:
 def check_resumed(arguments: Sequence[str]) -> None:
     """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
     given = options_in(arguments)
-    if given.get("resume", "None") in ("None", "") or {"-h", "--help"} & {*arguments}:
+    if given.get("resume", "None") in ("None", "") or asks_help(arguments):
         return
     applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
     applied |= {"frames", "seconds", "stretch"}

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_type_hints
 import tyro
 
 from pursuit.validation import check
-from train.commands.parse import default_budget, options_in, parse, parse_known
+from train.commands.config import print_config, with_config
+from train.commands.help import asks_help, print_help
+from train.commands.parse import default_budget, names_in, options_in, parse, parse_known
 from train.commands.run_options import RunCommand, check_resumed
 from train.files import Plain
+from train.runs.unused_settings import unused_settings
 from train.self_play.learners import checked_names, learning_side, sides_of, unchecked_self_play
 from train.settings.algorithms import Hyperparameters
 from train.settings.reading import names_of
@@ -71,9 +74,9 @@ class SelfPlayCommand(RunCommand):
     Each role plays against the latest policy of the other role, or with another --sampling against
     its snapshots. To compare settings over several seeds: `pursuit sweep self_play_sampling`.
 
-    Algorithm and hyperparameters (--algorithm, and all under "hyper options") apply to both sides.
-    With "chaser." or "evader." before the name, they apply to one side only:
-    --chaser.entropy-coef 0.05 --evader.algorithm dqn --evader.batch-size 64.
+    Algorithm and hyperparameters apply to both sides. With "chaser." or "evader." before the name,
+    they apply to one side only: --chaser.entropy-coef 0.05 --evader.algorithm dqn
+    --evader.batch-size 64.
 
     With --game NAME the players of a small game learn, and their names take the place of chaser and
     evader: `pursuit self-play --game soccer --help`.
@@ -87,7 +90,7 @@ class SelfPlayCommand(RunCommand):
 def self_play(arguments: Sequence[str]) -> None:
     """`pursuit self-play`."""
     check_resumed(arguments)
-    given, settings = parsed(arguments)
+    given, settings = with_config(arguments, parsed)
     if given.resume is None:
         settings.task.build()  # its errors come before the slow imports
     from train.commands.progress import finish_run, start_or_resume
@@ -134,12 +137,18 @@ def parsed(arguments: Sequence[str]) -> tuple[SelfPlayCommand, SelfPlayBase]:
     shown = [*sides.values()] or [LearningSide()]
     hyper, others = shown[0].hyper, other_options(shown[-1], shown[0].hyper)
     whole = SelfPlayCommand(settings, unchecked(hyper), others)
+    if asks_help(arguments):
+        print_help("self-play", whole, options, unused_settings(replace(settings, task=task)))
     given = parse(SelfPlayCommand, arguments, "self-play", whole)
     for part in (given.other_algorithm, given.hyper, given.settings, given.settings.task):
         flat |= given_in(arguments, part)
     if not {"seconds", "frames"} & set(flat):
         flat["seconds"] = settings.seconds
-    return given, unchecked_self_play(**flat)
+    found = unchecked_self_play(**flat)
+    if given.print_config:
+        learning = [(role, found.side(role), sides[role]) for role in found.learning]
+        print_config(found, given, whole, learning)
+    return given, found
 
 
 def split_side(role: str, arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -172,21 +181,21 @@ def unchecked(hyper: Hyperparameters, *more: Any) -> Any:
 
 def given_in(arguments: Sequence[str], options: object) -> Plain:
     """The values of those options, fields of a dataclass, that are in the arguments."""
-    names = {name.removeprefix("no_") for name in options_in(arguments)} | {*options_in(arguments)}
+    names = names_in(arguments)
     return {name: value for name, value in vars(options).items() if name in names}
 
 
 def other_options(side: LearningSide, hyper: Hyperparameters) -> object:
     """A dataclass with the options of a side's algorithm that `hyper` does not have."""
     hints = get_type_hints(type(side.hyper))
-    help_text = f"See --algorithm {side.algorithm} --help."
+    help_text = f"See --algorithm {side.algorithm} --help-all."
     options = [
         (f.name, Annotated[hints[f.name], tyro.conf.arg(help=help_text)],
          field(default=getattr(side.hyper, f.name)))
         for f in fields(side.hyper)
         if f.name not in vars(hyper)
     ]  # fmt: skip
-    return make_dataclass("Others", options, frozen=True)()
+    return make_dataclass("Others", options, namespace={"GROUP": "Learner"}, frozen=True)()
 
 
 def present(run: Run[SelfPlay], content: Plain) -> None:

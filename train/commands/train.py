@@ -6,9 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
+from train.commands.config import print_config, with_config
+from train.commands.help import asks_help, print_help
 from train.commands.parse import default_budget, options_in, parse, parse_known
 from train.commands.run_options import RunCommand, check_resumed
 from train.files import Plain
+from train.runs.unused_settings import unused_settings
 from train.settings.algorithms import Hyperparameters
 from train.settings.defaults import default_settings
 from train.settings.presets import TUNED, preset_task
@@ -28,7 +31,7 @@ class TrainCommand(RunCommand, Generic[H]):
     opponents, or an arm, and compare the result with the exact optimum.
 
     Options depend on --task (default: chase), --algorithm (default: ppo) and --curriculum (default:
-    none). For example `pursuit train --task reacher --algorithm td3 --help` lists the options of an
+    none). For example `pursuit train --task reacher --algorithm td3 --help-all` lists those of an
     arm and of TD3.
     """
 
@@ -59,9 +62,7 @@ class _First:
 def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
     check_resumed(arguments)
-    default = _defaults(arguments)
-    form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
-    given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
+    given = with_config(arguments, parsed)
     from train.commands.progress import finish_run, start_or_resume
     from train.runs.folder import RUN
 
@@ -79,6 +80,20 @@ def train(arguments: Sequence[str]) -> None:
         print(f"curriculum: {trainee.teacher.name}, over {trainee.teacher.describes}")
     content = finish_run(run, final, "pursuit train", present if given.report else None)
     show(run, content)
+
+
+def parsed(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
+    """The command in `arguments`; ValueError for unknown options or invalid values."""
+    default = _defaults(arguments)
+    if asks_help(arguments):
+        task = parse_known(default.settings.task, arguments)
+        unused = unused_settings(replace(default.settings, task=task))
+        print_help("train", default, options_in(arguments), unused)
+    form: Any = TrainCommand[type(default.settings.hyper)]  # type: ignore[misc]
+    given: TrainCommand[Hyperparameters] = parse(form, arguments, "train", default)
+    if given.print_config:
+        print_config(given.settings, given, default)
+    return given
 
 
 def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:

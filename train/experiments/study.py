@@ -11,7 +11,6 @@ All go the same way: file, `expansion`, runs in folders (`runs`, `executors`), `
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +20,7 @@ import msgspec
 
 from pursuit.plugins import reading
 from pursuit.validation import check, one_of
+from train.files import read_toml
 from train.schemas import read_as
 from train.settings.self_play import OPPOSING_ROLES, unnested_sides
 
@@ -299,10 +299,7 @@ def read_file(name: str, kind: str, form: type[Form]) -> tuple[Path, Form]:
     if not path.is_file() and name in names:  # a folder of that name may hold an earlier run
         path = FOLDERS[kind] / f"{name}.toml"
     check(path.is_file(), f"{name}: no such {kind} file; shipped are {', '.join(names)}")
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{path}: not TOML: {error}; {REMEDY}") from None
+    content = read_toml(path, REMEDY)
     check("arms" not in content, f"{path}: [[arms]] was renamed; give [[variants]]")
     return path, read_as(form, unnested_tables(content), path, REMEDY)
 

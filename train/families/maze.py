@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 from pursuit.environments.single_agent import fill_seats
-from pursuit.observations.custom import is_builtin
 from pursuit.simulator.policy import Policy
 from pursuit.simulator.simulator import Simulator
 from pursuit.validation import check
@@ -36,9 +35,9 @@ def seat_of(settings: AgentSettings) -> MazeSeat:
     task = given.build()
     agent = given.agent_in(task)
     played = training_task(settings.curriculum, settings.curriculum_settings, task)
-    unseen = agent.startswith("runner") and len(task.mazes) > 1 and is_builtin(settings.observation)
-    plans = settings.network == "auto" and settings.device == "cpu" and unseen
-    network = "planning" if plans else settings.network
+    network = settings.network
+    if network == "auto":
+        network = given.usual_network(settings.observation, settings.device)
     how = (given.mask_bumps, settings.frame_stack, network, settings.min_probability or 0.0)
     return MazeSeat(played, agent, settings.observation, *how)
 

@@ -38,7 +38,7 @@ from train.settings.self_play import WholeSettings
 CONFIG, METRICS = "config.json", "metrics.csv"
 RESULTS, CHECKPOINT = "results.json", "checkpoint.pt"
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
-FINAL = "final"
+FINAL, RESOLVED = "final", "resolved"
 REPORT, REPLAYS = "report.html", "replays.json"
 FORMAT = 6
 """Version of `config.json` and `checkpoint.pt`; raised when older ones can no longer be read."""
@@ -78,15 +78,18 @@ def save_config(
     maze_text: str | None,
     final: forms.Final | None = None,
     init_sha256: str | None = None,
+    resolved: Plain | None = None,
 ) -> None:
     """Write `config.json`: the kind of run, its settings, the maze as text if there is one, the
-    settings of the final results, the digest of the weights that it starts from, user-defined parts
-    with hashes of their source, and the command."""
+    settings of the final results, the digest of the weights that it starts from, what "auto" meant
+    where the run began, user-defined parts with hashes of their source, and the command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     if init_sha256 is not None:
         plain["init_sha256"] = init_sha256
     if final is not None:
         plain[FINAL] = final.arguments()
+    # Beside the settings: these stay "auto" for a run that is resumed on another machine.
+    plain |= {} if resolved is None else {RESOLVED: resolved}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
@@ -124,7 +127,7 @@ def read_config(folder: Path) -> tuple[str, Plain]:
         "version, or a new folder",
     )
     found = read_as(forms.Config, plain, path, forms.RESTORE)
-    for name in ("kind", "maze_text", FINAL, "init_sha256", "longer", PARTS, COMMAND):
+    for name in ("kind", "maze_text", FINAL, "init_sha256", "longer", RESOLVED, PARTS, COMMAND):
         plain.pop(name, None)
     maze = found.task.get("maze")
     known = "\n" in str(maze) or maze in library_names() or is_suite(maze)

@@ -49,7 +49,6 @@ from train.runs.threads import (
     set_random_states,
 )
 from train.runs.trainee import Parts, Trainee
-from train.settings.run import TrainSettings
 from train.settings.self_play import WholeSettings
 from train.tensors import first_not_finite, own_defaults
 
@@ -85,8 +84,7 @@ class Budget:
     @classmethod
     def of(cls, settings: WholeSettings, longer: Sequence[Longer] = ()) -> Budget:
         """The budget in the settings of a run that was extended so often."""
-        several = isinstance(settings, TrainSettings) and settings.processes > 1
-        threads = 1 if several else settings.threads
+        threads = settings.fixed_threads
         amounts = [each.budget for each in longer] + [settings.budget]
         stretched = [number for number, each in enumerate(longer, 1) if each.stretch]
         schedule = amounts[max(stretched, default=0)]
@@ -95,13 +93,7 @@ class Budget:
     @property
     def free_threads(self) -> bool:
         """Whether torch's threads are chosen during the run, for a budget of wall time."""
-        return self.seconds is not None and self.threads == 0 and self.clock == "wall"
-
-    @property
-    def first_threads(self) -> int:
-        """Initial threads of torch; 0 for one per core."""
-        own_seconds = self.seconds is not None and self.clock == "processor"
-        return self.threads or int(own_seconds)
+        return self.seconds is not None and self.threads == 0
 
     @property
     def amount(self) -> float:
@@ -488,7 +480,7 @@ def build_parts(parts_of: Callable[[S], P], settings: S) -> P:
         ValueError: settings that cannot run here.
     """
     check_device(settings.device)
-    prepare_torch(Budget.of(settings).first_threads, settings.seed)
+    prepare_torch(settings.fixed_threads, settings.seed)
     return parts_of(settings)
 
 

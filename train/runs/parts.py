@@ -16,11 +16,11 @@ from pursuit.observations.custom import without_id
 from pursuit.validation import check
 from train.algorithms.registry import Algorithm, Build, entry
 from train.families.family import TaskWorld
+from train.machine import uses_bfloat16
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
 from train.runs.logs import logs_of
 from train.runs.saved import learning_seat, unchecked_settings
-from train.runs.threads import uses_bfloat16
 from train.runs.worlds import contest_of as contest_of
 from train.runs.worlds import task_world_of
 from train.settings.algorithms import Hyperparameters
@@ -186,8 +186,9 @@ def settings_of(**flat: Any) -> AgentSettings:
     Numbers can be those of NumPy, and whole numbers floats, as 1e6.
 
     Args:
-        **flat: settings. Their meanings and defaults stand in the output of `pursuit train --help`,
-            also after `--task reacher`, `--algorithm NAME` and `--curriculum NAME`.
+        **flat: settings. Their meanings and defaults stand in the output of
+            `pursuit train --help-all`, also after `--task reacher`, `--algorithm NAME` and
+            `--curriculum NAME`.
             The budget, one of: seconds, frames.
             The run: algorithm, preset, seed, clock, evaluate, device, precision, fused, threads,
             processes.

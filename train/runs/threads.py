@@ -1,4 +1,4 @@
-"""Configuration of torch on this machine: threads, memory, precision and random states."""
+"""Configuration of torch on this machine: threads, memory and random states."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import torch
 
 from pursuit.validation import check
 from train.files import Plain
-from train.machine import has_fast_bfloat16
 
 
 def prepare_torch(threads: int, seed: int) -> None:
@@ -77,16 +76,6 @@ def check_device(device: str) -> None:
     if here > 1:
         found = f"{here} GPUs; use --device cuda:0 to cuda:{here - 1}"
     check(int(device.partition(":")[2] or 0) < here, f"device={device!r}, but torch finds {found}")
-
-
-def uses_bfloat16(precision: str, device: str) -> bool:
-    """Whether a precision ("auto", "float32", "bfloat16") means bfloat16 on this machine."""
-    if precision != "auto":
-        return precision == "bfloat16"
-    if device.startswith("cuda"):
-        # Older cards only emulate it, slower than they compute in float32.
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    return has_fast_bfloat16()
 
 
 class ThreadChoice:

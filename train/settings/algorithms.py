@@ -20,6 +20,8 @@ from train.settings.off_policy import TD3Settings as TD3Settings
 
 SHARED, SEPARATE, JOINT = "shared", "separate", "joint"
 """Networks of the agents of a role: one of all, one of each, or one of the team as one player."""
+NO_NETWORK = ("network", "frame_stack", "device", "precision", "fused")
+"""Settings of a run for networks of this package."""
 STATE = "state"
 """The observation of a central critic that has the cells of all agents, goals and exits."""
 
@@ -130,6 +132,8 @@ class PPOSettings(RolloutSettings):
 class LibraryPPOSettings(Hyperparameters):
     """PPO of another library: the settings that all have, with the usual defaults of libraries for
     losses and network, and ours for sizes. The learning rate is annealed to 0."""
+
+    UNUSED: ClassVar[tuple[str, ...]] = NO_NETWORK
 
     rollout_steps: Count = 16
     """Steps of every game in a rollout."""
@@ -373,6 +377,8 @@ class CrossEntropySettings(Hyperparameters):
 @dataclass(frozen=True)
 class QLearningSettings(Hyperparameters):
     """Tabular Q-learning (Watkins, 1989)."""
+
+    UNUSED: ClassVar[tuple[str, ...]] = NO_NETWORK
 
     num_games: Count = 1024
     """Games simulated in parallel."""

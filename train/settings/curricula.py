@@ -30,6 +30,9 @@ from train.settings.checks import Positive, Settings, Share
 class CurriculumSettings(Settings):
     """No curriculum: the task itself from the start."""
 
+    GROUP: ClassVar[str] = "Learner"
+    """The group in help texts."""
+
     schedule_unit = "share"
     """Unit of the schedule, if there is one; without annotation it is no field."""
     solved_within = 0.0

@@ -22,8 +22,12 @@ class Hyperparameters(Settings):
     """Discount factor."""
     recurrent: Annotated[str | None, choice("gru")] = None
     """Recurrent layer between the hidden layers and the output: gru, or None."""
+    GROUP: ClassVar[str] = "Learner"
+    """The group in help texts."""
     SELF_PLAY_ONLY: ClassVar[bool] = False
     """Whether the algorithm is for self-play only."""
+    UNUSED: ClassVar[tuple[str, ...]] = ()
+    """Settings of a run that the algorithm does not use."""
 
     # Values of learners that lack these settings; without annotations they are no fields.
     rollout_steps = 1

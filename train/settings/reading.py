@@ -13,6 +13,7 @@ from pursuit.validation import check, did_you_mean, field_rules, plain, shortene
 from train.files import Plain
 from train.schemas import WORDS
 from train.settings.common import RunSettings
+from train.settings.groups import OTHER_NAMES
 
 Form = TypeVar("Form")
 
@@ -20,8 +21,6 @@ TYPE_WORDS = {"tuple": "a list of strings", **WORDS}
 """The types of settings in messages; the first match is used."""
 INNER = frozenset({"task", "hyper", "curriculum_settings", "chaser", "evader", "players"})
 """Fields of run settings that are themselves settings."""
-RENAMED = {"judged": "num_scored", "judge_every": "score_every"}
-"""Former names of settings: the new ones, for messages."""
 
 
 def names_of(*forms: type[Any]) -> list[str]:
@@ -38,8 +37,8 @@ def check_names(given: Iterable[str], known: Iterable[str], where: str = "") -> 
     """ValueError for an unknown name, with the closest known one, or else with all of them."""
     names = sorted(known)
     for name in (each for each in given if each not in names):
-        new = RENAMED.get(name)
-        near = f"; it was renamed, give {new}" if new in names else did_you_mean(name, names)
+        new = OTHER_NAMES.get(name)
+        near = f"; give {new}" if new in names else did_you_mean(name, names)
         raise ValueError(
             f"unknown setting {name!r}{where}" + (near or f"; one of {', '.join(names)}")
         )

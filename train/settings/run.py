@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
@@ -91,6 +92,13 @@ class TrainSettings(RunSettings, Generic[S]):
     processes: Annotated[int, at_least(1)] = 1
     """N above 1: data parallel training of ppo in N processes with one thread each, which share the
     games and every minibatch equally."""
+
+    @property
+    def fixed_threads(self) -> int:
+        """Threads of torch; 0 where one or all of them are chosen during the run."""
+        if self.seconds is None and self.processes == 1:  # results depend on them in the last bits
+            return self.threads or os.cpu_count() or 1
+        return self.threads or int(self.processes > 1 or self.clock == "processor")
 
     def __post_init__(self) -> None:
         if self.observation == "auto":

@@ -178,6 +178,11 @@ class SelfPlayBase(RunSettings):
         )
 
     @property
+    def fixed_threads(self) -> int:
+        """As of `TrainSettings`."""
+        return self.threads
+
+    @property
     @abstractmethod
     def sides(self) -> dict[str, str | LearningSide]:
         """By role how it learns, or its fixed policy."""

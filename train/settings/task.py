@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 from pursuit.mazes.suite_files import PREFIX, is_suite
-from pursuit.observations.custom import check_observation
+from pursuit.observations.custom import check_observation, is_builtin
+from pursuit.observations.observations import Encoder
 from pursuit.plugins import OPENSPIEL
 from pursuit.reacher.observations import ENCODINGS as ARM_ENCODINGS
 from pursuit.reacher.task import ReacherTask
@@ -52,13 +53,16 @@ from scripted_agents.names import (
     agent_name,
     check_agent,
 )
-from train.settings.checks import RANDOM_MOVES, check_default
+from train.settings.checks import RANDOM_MOVES
 from train.settings.mazes import as_text, check_one_maze, maze_or_suite
 from train.settings.profile import TaskProfile
 from train.settings.task_form import FORMS, TaskForm
 
 REACHER, GAME = "reacher", "game"
 OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
+CAPTURING = ("move_order", "min_start_distance", "capture", "n_catch", "capture_check")
+"""Settings of chasers and evaders together."""
+DISCRETE = {"action_std": "the actions are discrete"}
 OPPOSING_ROLES = ("chaser", "evader")
 """The roles that learn in self-play in mazes."""
 AGENT = Rule(lambda _, name: agent_name(name))
@@ -308,12 +312,32 @@ class TaskSettings(TaskForm):
         """As of `TaskForm`."""
         check_observation(name)
 
-    def check_used(self) -> None:
-        """As of `TaskForm`: random moves of no opponents, and rewards of no agents."""
+    def usual_network(self, observation: str, device: str) -> str:
+        """As of `TaskForm`: planning for runners in unseen mazes, convolutions for other planes."""
         task = self.build()
+        if len(Encoder(task, observation).shape) < 3:
+            return "mlp"
+        unseen = self.agent.startswith("runner") and len(task.mazes) > 1
+        plans = unseen and device == "cpu" and is_builtin(observation)
+        return "planning" if plans else "convolutions"
+
+    @property
+    def unused(self) -> Mapping[str, str]:
+        """As of `TaskForm`: opponents, captures and exits of games without these."""
+        task, found = self.build(), dict(DISCRETE)
         if task.num_agents == 1:
-            only = f"task {self.task!r} has no other agent"
-            check_default(self, TaskSettings, ["opponent_epsilon"], only)
+            names = (*OPPONENT, "opponent_observation")
+            found |= dict.fromkeys(names, f"task {self.task!r} has no other agent")
+        if not (task.num_chasers and task.num_evaders):
+            found |= dict.fromkeys(CAPTURING, f"task {self.task!r} has no chasers and evaders")
+        if not task.num_evaders:
+            found |= dict.fromkeys(("exits", "num_exits"), f"task {self.task!r} has no evaders")
+        return found
+
+    def check_used(self) -> None:
+        """As of `TaskForm`; also rewards of no agents."""
+        super().check_used()
+        task = self.build()
         given = rewards_from_text(self.rewards) if is_coefficients(self.rewards) else {}
         if len(given) < len(ROLES):  # coefficients without a role apply to all of them
             for role in given:
@@ -390,6 +414,15 @@ class ReacherSettings(TaskForm):
         """As of `TaskForm`: the joints."""
         return TaskProfile(self.task, "arm", 0, joints=self.joints, tuned="arms")
 
+    def usual_network(self, observation: str, device: str) -> str:
+        """As of `TaskForm`."""
+        return "mlp"
+
+    @property
+    def unused(self) -> Mapping[str, str]:
+        """As of `TaskForm`."""
+        return DISCRETE if self.discrete_actions else {}
+
     def check_observation(self, name: str) -> None:
         """As of `TaskForm`."""
         one_of("observation", name, ARM_ENCODINGS)
@@ -465,6 +498,13 @@ class SmallGameSettings(TaskForm):
         longest = _longest_play(self.build())
         ends = longest is not None and longest <= self.max_steps
         return 1.0 if ends else GAME_DISCOUNT
+
+    unused: ClassVar[Mapping[str, str]] = DISCRETE
+
+    def usual_network(self, observation: str, device: str) -> str:
+        """As of `TaskForm`."""
+        dimensions = self.build().observations(self.sides[0], observation).ndim - 1
+        return "mlp" if dimensions < 3 else "convolutions"
 
     def check_observation(self, name: str) -> None:
         """As of `TaskForm`."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self, TypeAlias
 
 from pursuit.plugins import Registry, is_reference
 from pursuit.validation import check, one_of
-from train.settings.checks import Settings
+from train.settings.checks import Settings, check_default
 from train.settings.profile import TaskProfile
 
 
@@ -124,8 +124,20 @@ class TaskForm(Settings):
         """ValueError unless this observation exists; by default there is one."""
         one_of("observation", name, (self.OBSERVATION,))
 
+    def usual_network(self, observation: str, device: str) -> str:
+        """What network "auto" means; "auto" where only the games say it."""
+        return "auto"
+
+    @property
+    def unused(self) -> Mapping[str, str]:
+        """The settings of a run, of any of its parts, without effect in this task: the reasons."""
+        return {}
+
     def check_used(self) -> None:
         """ValueError for a setting that is changed from its default without effect."""
+        for name, why in self.unused.items():
+            if name in vars(self):
+                check_default(self, type(self), [name], why)
 
     def frozen(self) -> Self:
         """The same settings with the contents of files in place of their names."""

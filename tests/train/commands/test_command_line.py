@@ -284,7 +284,7 @@ def test_every_command_has_a_help_that_names_its_options(
     said = {}
     for command in COMMANDS:
         with pytest.raises(SystemExit) as stopped:
-            main([command, "--help"])
+            main([command, "--help-all" if command in ("train", "self-play") else "--help"])
         assert stopped.value.code == 0
         said[command] = capsys.readouterr().out
         assert "--" in said[command] and "--no-no-" not in said[command]

@@ -535,8 +535,11 @@ def test_seconds_of_the_processor_pass_only_while_it_computes() -> None:
     while time.process_time() < begun + 0.1:
         pass
     assert ours.now() - began[0] >= 0.1
-    assert (ours.first_threads, wall.first_threads) == (1, 0) and wall.free_threads
-    assert not ours.free_threads and Budget(None, 9).first_threads == 0
+    clocks = ("processor", "wall")
+    ours, wall = (Budget.of(settings_of(maze="2x2", seconds=1, clock=clock)) for clock in clocks)
+    assert (ours.threads, wall.threads) == (1, 0) and wall.free_threads
+    fixed = Budget.of(settings_of(maze="2x2", frames=9_000_000))
+    assert not ours.free_threads and not fixed.free_threads and fixed.threads == os.cpu_count()
 
 
 @pytest.mark.parametrize("clock", ["wall", "processor"])

@@ -560,7 +560,7 @@ def test_the_help_of_self_play_shows_options_that_can_be_given(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(SystemExit):
-        main(["self-play", "--evader.algorithm", "dqn", "--help"])
+        main(["self-play", "--evader.algorithm", "dqn", "--help-all"])
     shown = capsys.readouterr().out
     assert "--chaser.entropy-coef 0.05" in shown and "--batch-size" in shown
     with pytest.raises(SystemExit):

@@ -175,7 +175,7 @@ FORMS = [
     "self-play --game soccer",
 ]
 APPLIED = {"--help", "--resume", "--episodes", "--exact-seconds", "--report", "--no-report"}
-APPLIED |= {"--allow"}
+APPLIED |= {"--allow", "--help-all", "--frames", "--seconds", "--stretch"}
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -183,7 +183,7 @@ def test_every_option_that_a_resumed_run_does_not_apply_is_refused_by_name(
     form: str, trained: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
-        main([*form.split(), "--help"])
+        main([*form.split(), "--help-all"])
     names = {*re.findall(r"(?<![\w-])--[a-z][\w.-]*\w", capsys.readouterr().out)}
     assert len(names) > 30
     command = form.split()[0]
@@ -193,6 +193,6 @@ def test_every_option_that_a_resumed_run_does_not_apply_is_refused_by_name(
         for given in ([name, "1"], [f"{name.replace('-', '_').replace('__', '--', 1)}=1"]):
             told = error_of(capsys, command, "--resume", str(trained), *given)
             assert f"--resume {trained} with {name}: a run is resumed with its own" in told
-    several = ["--frames", "9", "--episodes", "2", "--seed=3"]
+    several = ["--width", "9", "--episodes", "2", "--seed=3"]
     told = error_of(capsys, command, *several, "--resume", str(trained))
-    assert "with --frames, --seed: a run" in told
+    assert "with --width, --seed: a run" in told

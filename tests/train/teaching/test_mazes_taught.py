@@ -158,5 +158,5 @@ def test_a_memory_is_refused_before_anything_is_made(memory: dict[str, Any]) -> 
 
 def test_former_names_of_settings_are_refused_with_the_new_ones() -> None:
     for old, new in (("judged", "num_scored"), ("judge_every", "score_every")):
-        with pytest.raises(ValueError, match=f"unknown setting {old!r}.*renamed, give {new}"):
+        with pytest.raises(ValueError, match=f"unknown setting {old!r}.*; give {new}"):
             settings_of(**SMALL, curriculum="maze-replay", **{old: 4})

@@ -355,5 +355,5 @@ def test_the_command_line_teaches(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert (folder / "learning_curve.png").stat().st_size > 10_000
     assert "mean regret" in read_csv(folder / CURRICULUM_LOG)[-1]["reason"]
     with pytest.raises(SystemExit):
-        main(["train", "--curriculum", "uniform", "--help"])
+        main(["train", "--curriculum", "uniform", "--help-all"])
     assert "--num-stages" in capsys.readouterr().out
