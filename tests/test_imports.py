@@ -20,6 +20,8 @@ OPTIONAL = {
     "imageio_ffmpeg",
     "ray",
     "stable_baselines3",
+    "wandb",
+    "mlflow",
     "supersuit",
     "minari",
     "pyspiel",

@@ -64,6 +64,11 @@ class Tracker:
         self.trainee = self.run.trainee
         self.settings, self.began = given, perf_counter()
 
+    @property
+    def frames(self) -> int:
+        """Of the last policy; 0 before the first."""
+        return self.trainee.frames
+
     def log(self, frames: int, policy: TrackedPolicy) -> dict[str, float]:
         """Evaluate a policy, and save it.
 

@@ -55,7 +55,8 @@ TINY = {
     "elite_share": 0.5, "batch_size": 16, "buffer_size": 400, "learning_starts": 100,
     "gradient_steps": 2, "target_update_interval": 3, "epochs": 1,
 }  # fmt: skip
-SINGLE = [name for name in ALGORITHMS if not entry(name).settings.SELF_PLAY_ONLY]
+OTHERS = [name for name in ALGORITHMS if entry(name).settings.SELF_PLAY_ONLY]
+SINGLE = [name for name in ALGORITHMS if name not in (*OTHERS, "tracked")]
 TAUGHT = [name for name in SINGLE if not entry(name).own_loop]
 RUNNER = {"task": "maze", "maze": "3x3", "num_goals": 2, "max_steps": 12}
 CHASER = {"task": "chase", "maze": "3x3", "max_steps": 12}
@@ -331,7 +332,7 @@ def test_a_self_play_killed_before_its_first_iteration_resumes(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if name not in SINGLE])
+@pytest.mark.parametrize("algorithm", OTHERS)
 def test_every_learner_of_self_play_resumes(algorithm: str, tmp_path: Path) -> None:
     side = LearningSide(algorithm, entry(algorithm).settings(**smallest(algorithm)))
     roles: Any = dict.fromkeys(OPPOSING_ROLES, side)
