@@ -147,7 +147,7 @@ def chosen_policies(
         return policies
     if isinstance(opponent, str | Path):
         name = str(opponent)
-        if not is_agent(name) and (os.path.isdir(name) or Path(name).suffix == ".zip"):
+        if not is_agent(name) and (os.path.isdir(name) or Path(name).suffix in (".onnx", ".zip")):
             saved: dict[str, Policy] = from_train("train.runs.opponents:opponents_of")(
                 task, agent, name, epsilon
             )

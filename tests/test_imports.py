@@ -24,6 +24,8 @@ OPTIONAL = {
     "mlflow",
     "supersuit",
     "minari",
+    "onnx",
+    "onnxruntime",
     "pyspiel",
     "pyarrow",
 }

@@ -177,7 +177,7 @@ def test_what_it_does_not_have_is_said(capsys: pytest.CaptureFixture[str]) -> No
         (["--frame-stack", "2"], "policies have no memory"),
         (["--algorithm", "q_learning"], "table over the cells of a maze"),
         (["--curriculum", "goal-spread-start"], "games in mazes"),
-        (["--opponent", "model.zip"], "a saved model plays in mazes"),
+        (["--opponent", "model.zip"], "'model.zip': not a policy; give one of"),
         (["--role", "nobody"], "nobody"),
         (["--observation", "one_hot"], "observe"),
         (["--algorithm", "mappo", "--critic-observation", "walls"], "use state"),

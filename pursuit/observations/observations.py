@@ -90,6 +90,8 @@ class Encoder:
     Attributes:
         shape, dtype: shape and dtype of one observation.
         space: its Gymnasium space (the same object at every call).
+        order: [agents, agents] int64, for each agent the agents in the order of its entities: first
+            itself, then those of its role, then the others.
     """
 
     def __init__(self, task: Task, encoding: str | Observation, dtype: str | None = None) -> None:
@@ -104,8 +106,8 @@ class Encoder:
             )
             for seat, role in enumerate(roles)
         ]
-        self._order = np.array(order, dtype=np.int64)
-        same_role = np.array(roles)[self._order] == np.array(roles)[:, None]
+        self.order = np.array(order, dtype=np.int64)
+        same_role = np.array(roles)[self.order] == np.array(roles)[:, None]
         self._codes = np.where(same_role, TEAM, OTHER)
         self._codes[:, 0] = SELF
         self._plain: Encoder | None = None
@@ -159,7 +161,7 @@ class Encoder:
         Raises:
             ValueError: `out` has another shape or dtype.
         """
-        shape = (len(games.steps), len(self._order[seats]), *self.shape)
+        shape = (len(games.steps), len(self.order[seats]), *self.shape)
         if out is None:
             out = np.empty(shape, self.dtype)
         elif not isinstance(out, np.ndarray):
@@ -191,7 +193,7 @@ class Encoder:
 
     def _fill(self, games: Games, seats: slice, out: Array) -> None:
         """Fill `out`, which is contiguous, with a built-in encoding."""
-        order, size, sight = self._order[seats], self.num_cells, self._sight
+        order, size, sight = self.order[seats], self.num_cells, self._sight
         seen_from = (*games, sight.table, sight.begin, order)
         if self.encoding == "index":
             encodings.list_entities(*seen_from, 0, size, out.shape[2] * size, out)

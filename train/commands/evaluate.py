@@ -15,13 +15,13 @@ from pursuit.plugins import reading
 from pursuit.validation import Missing, at_least, check, choice, need
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from scripted_agents.exact.long_work import in_time
-from train.commands.parse import parse, warn
+from train.commands.parse import options_in, parse, warn
 from train.commands.progress import ProgressLine
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
 from train.settings.checks import Settings, check_default, evaluation_seed
 from train.settings.task import AGENT, TaskSettings
-from train.settings.task_form import AnyTask, with_values
+from train.settings.task_form import AnyTask, default_task, with_values
 
 if TYPE_CHECKING:
     from pursuit.simulator.policy import Policy
@@ -36,8 +36,8 @@ class Evaluated(Settings):
     """Options of all evaluations."""
 
     run: Annotated[Path, tyro.conf.Positional]
-    """The folder of the run, or a saved Stable-Baselines3 model (.zip) with other options: see
-    pursuit evaluate model.zip --help."""
+    """The folder of the run, or an exported policy (.onnx) or a saved Stable-Baselines3 model
+    (.zip) with other options: see pursuit evaluate model.zip --help."""
     episodes: Annotated[int, at_least(2)] = 1000
     """Episodes to play."""
     exact_seconds: Annotated[float | None, at_least(0)] = None
@@ -91,19 +91,24 @@ class EvaluateCommand(Evaluated):
 
 @dataclass(frozen=True)
 class EvaluateModelCommand(Evaluated):
-    """Evaluate a saved Stable-Baselines3 model (.zip) in a task, exactly if possible, otherwise by
-    sampled episodes."""
+    """Evaluate an exported policy (.onnx) or a saved Stable-Baselines3 model (.zip) in a task,
+    exactly if possible, otherwise by sampled episodes."""
 
-    task: TaskSettings = field(default_factory=TaskSettings)
+    task: AnyTask = field(default_factory=TaskSettings)
     observation: str = "one_hot"
-    """The observation of the model. A description file of the model has precedence."""
+    """The observation of the model. The metadata of an exported policy, and a description file of
+    the model, have precedence."""
 
 
 def evaluate(arguments: Sequence[str]) -> None:
     """`pursuit evaluate`."""
-    is_model = any(argument.endswith(".zip") for argument in arguments)
+    pairs = zip(["", *arguments], arguments, strict=False)
+    names = [own for option, own in pairs if option != "--opponent" and not own.startswith("--")]
+    is_model = any(name.endswith((".onnx", ".zip")) for name in names)
     form: Any = EvaluateModelCommand if is_model else EvaluateCommand
-    given: EvaluateCommand | EvaluateModelCommand = parse(form, arguments, "evaluate")
+    task = default_task(options_in(arguments)) if is_model else None
+    default = None if task is None else EvaluateModelCommand(Path(), task=task)
+    given: EvaluateCommand | EvaluateModelCommand = parse(form, arguments, "evaluate", default)
     if isinstance(given, EvaluateCommand):
         check_folder(given.run)
     from pursuit.replays.replay import with_suffix
@@ -319,17 +324,21 @@ def load_run(given: EvaluateCommand) -> Loaded:
 def load_model(given: EvaluateModelCommand) -> Loaded:
     """The policies of a saved model, in the task of the options."""
     from train.families import family_of  # torch is slow to import
-    from train.runs.stable_baselines import load_stable_baselines
+    from train.families.policies import loaded_policy
+    from train.runs.opponents import SAVED
 
-    built = given.task.build()
-    agent = given.task.agent_in(built)
-    trained: Plain = {"task": built, "agent": agent, "observation": given.observation}
-    trained["mask_bumps"] = given.task.mask_bumps
-    greedy = load_stable_baselines(given.run, **trained)
-    placed = need(family_of(given.task).policies).placed
-    policies: dict[str, Policy] = {"learned": placed(greedy, built, agent, str(given.run), 0.0)}
-    drawn = load_stable_baselines(given.run, None, **trained)
+    task, known = given.task, need(family_of(given.task).policies)
+    built = task.build()
+    trained: Plain = {name: own for name, own in vars(task).items() if name == "mask_bumps"}
+    trained |= {"task": built, "agent": task.agent_in(built), "observation": given.observation}
+    both = ("greedy", "sampled")
+    greedy, drawn = (loaded_policy(known, SAVED, given.run, how, **trained) for how in both)
+    if vars(task).get(task.AGENT) == "auto":
+        task = task.with_agent(greedy.agent)
+    where = (built, task.agent_in(built), str(given.run), 0.0)
+    policies: dict[str, Policy] = {"learned": known.placed(greedy, *where)}
     if not drawn.greedy:
-        policies["learned, sampled"] = drawn
-    named = {"algorithm": "Stable-Baselines3", "model": str(given.run)}
-    return Loaded(given.task, given.task, policies, True, None, named)
+        policies["learned, sampled"] = known.placed(drawn, *where)
+    library = {".onnx": "ONNX"}.get(given.run.suffix, "Stable-Baselines3")
+    named: Plain = {"algorithm": library, "model": str(given.run)}
+    return Loaded(task, task, policies, True, None, named, getattr(greedy.seat, "team", False))

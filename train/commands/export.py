@@ -1,4 +1,4 @@
-"""`pursuit export`: the network of a run for other programs."""
+"""`pursuit export`: the policy of a run for other programs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from train.files import check_folder, check_new_files
 
 @dataclass(frozen=True)
 class ExportCommand:
-    """Write the network of a run as ONNX (.onnx) or as a program of torch.export (.pt2).
+    """Write the policy of a run as ONNX (.onnx) or as a program of torch.export (.pt2).
 
     Of self-play give the folder of one side, such as runs/pair/chaser.
     """
@@ -41,6 +41,6 @@ def export(arguments: Sequence[str]) -> None:
 
     policy = load_policy(str(given.run), at=given.at)
     path = export_policy(policy, given.out)
-    features = policy.seat.features
-    shape = ", ".join(map(str, ("batch", *features.shape)))
-    print(f"{path}: observation [{shape}] ({policy.encoding}) to probabilities [batch, actions]")
+    seen = getattr(policy.seat, "seen", policy.seat.features)
+    shape, encoding = ", ".join(map(str, ("batch", *seen.shape))), policy.seat.encoding
+    print(f"{path}: observation [{shape}] ({encoding}) to probabilities [batch, actions]")

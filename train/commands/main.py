@@ -45,7 +45,7 @@ Train and evaluate an agent:
               pursuit view runs/first
   render    a replay of a run or of scripted agents as GIF or MP4
               pursuit render runs/first --out first.gif
-  export    the network of a run as ONNX or as a program of torch.export
+  export    the policy of a run as ONNX or as a program of torch.export
               pursuit export runs/first --out first.onnx
   warm-up   compile what the first training compiles, for images and clusters
               pursuit warm-up

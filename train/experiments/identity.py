@@ -27,8 +27,8 @@ from train.settings.self_play import OPPOSING_ROLES
 
 INPUTS = "inputs"
 """Subfolder of a sweep with copies of opponents."""
-MODEL = "model.zip"
-"""File name of the copy of a saved model."""
+MODEL = "model"
+"""Name of the copy of a model, without its suffix."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def policy_files(path: Path) -> dict[str, bytes]:
             file.relative_to(path).as_posix(): file.read_bytes() for file in whole if file.is_file()
         }
     described = description_of(path)
-    own = {MODEL: path.read_bytes()}
+    own = {MODEL + path.suffix: path.read_bytes()}
     if described.is_file():
         own[description_of(MODEL).name] = described.read_bytes()
     return own
@@ -84,7 +84,7 @@ def policy_files(path: Path) -> dict[str, bytes]:
 
 def digest_of(files: Mapping[str, bytes]) -> str:
     """Ten hexadecimal digits of the files that determine the actions of a policy."""
-    deciding = {CONFIG, CHECKPOINT, MODEL, description_of(Path(MODEL)).name}
+    deciding = {CONFIG, CHECKPOINT, *(MODEL + own for own in (".json", ".onnx", ".zip"))}
     digest = hashlib.sha256()
     for name in sorted(deciding & set(files)):
         digest.update(f"{name} {len(files[name])}\n".encode() + files[name])
@@ -152,7 +152,7 @@ def copied_input(policy: Input, folder: Path) -> Path:
         ValueError: the input has changed since the sweep file was read.
     """
     own = folder.resolve() / INPUTS / policy.digest
-    path = own if policy.path.is_dir() else own / MODEL
+    path = own if policy.path.is_dir() else own / (MODEL + policy.path.suffix)
     if not path.exists() or digest_of(policy_files(path)) != policy.digest:
         files = policy_files(policy.path)
         check(

@@ -11,6 +11,7 @@ from pursuit.validation import check
 from scripted_agents.environments import chosen_policies, default_policies, named_policy
 from scripted_agents.names import AGENTS, is_agent, roles_of_agent
 from train.families.policies import NamedPolicies, SavedRuns, check_side, loaded_policy
+from train.networks.policy import MazeSeat
 from train.settings.task import TaskSettings
 
 
@@ -30,7 +31,7 @@ def opponents_of(
         task: the game.
         agent: the learning agent.
         opponent: one of AGENTS, a user-defined policy, the folder of a run (of self-play: its other
-            side) or a model's .zip; None for A*.
+            side) or a model's .onnx or .zip; None for A*.
         epsilon: share of random moves of the scripted agents.
         played: policy of a learned opponent, "sampled" or "greedy".
         observation: of a model without a description file.
@@ -92,6 +93,7 @@ def placed(policy: Policy, task: Task, agent: str, name: str, epsilon: float) ->
     return policy
 
 
+MODELS = {".onnx": MazeSeat, ".zip": MazeSeat}
 MAZE_POLICIES = NamedPolicies(
-    TaskSettings, AGENTS, is_agent, named_policy, roles_of_agent, placed, role_of
+    TaskSettings, AGENTS, is_agent, named_policy, roles_of_agent, placed, role_of, MODELS
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 from pursuit.plugins import reading
-from pursuit.validation import Missing, check, need, shortened
+from pursuit.validation import check, shortened
 from train.settings.run import AgentSettings
 from train.settings.task_form import TaskForm
 
@@ -38,8 +38,8 @@ class SavedRuns(Protocol):
         """Of a whole run of self-play the fixed policy of each role, None of one that learns; None
         for any other folder."""
 
-    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
-        """The policy of a saved Stable-Baselines3 model."""
+    def model(self, path: Path, greedy: bool | None, form: Any, **trained: Any) -> Any:
+        """The policy of an exported or saved model in a seat of this form."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class NamedPolicies:
         placed: (learned policy, task, agent, name, epsilon) -> it as a policy of this agent;
             ValueError where it does not fit.
         agent_of: (learned policy) -> its agent or role.
-        models: whether saved models of other libraries can play; or why not.
+        models: the form of the seats of models, by the suffix of their files.
     """
 
     form: type[TaskForm]
@@ -66,7 +66,7 @@ class NamedPolicies:
     agents: Callable[[str, Any], tuple[str, ...]]
     placed: Callable[[Any, Any, str, str, float], Any]
     agent_of: Callable[[Any], str]
-    models: bool | Missing = True
+    models: Mapping[str, type[Any]]
 
 
 def policy_named(
@@ -85,7 +85,7 @@ def policy_named(
         policies: of the family.
         saved: reads saved runs.
         name: of a named policy, the folder of a run (of self-play: of all roles, also of those with
-            a fixed policy), or a saved model (.zip).
+            a fixed policy), or a model (.onnx, of Stable-Baselines3 .zip).
         task, agent: the game, and the agent or role of the policy.
         epsilon: share of random moves.
         played: policy of a learned agent, "sampled" or "greedy".
@@ -121,8 +121,8 @@ def check_side(name: str, sides: Mapping[str, object], agent: str) -> None:
 def loaded_policy(
     policies: NamedPolicies, saved: SavedRuns, path: Path, played: str = "sampled", **trained: Any
 ) -> Any:
-    """A policy from the folder of a run, or from a saved Stable-Baselines3 model; `trained` as of
-    `load_stable_baselines`.
+    """A policy from the folder of a run, or from the file of a model; `trained` as of
+    `load_onnx` and `load_stable_baselines`.
 
     Raises:
         ValueError: neither of them, or damaged.
@@ -135,13 +135,15 @@ def loaded_policy(
         )
         greedy = played == "greedy" or not saved.has_distribution(path)
         policy = saved.policy(path, greedy)
-        policy.name = f"{path} ({'greedy' if greedy else 'sampled'})"
-        return policy
-    models = ", or a saved Stable-Baselines3 model (.zip)" if policies.models is True else ""
-    check(
-        path.suffix == ".zip",
-        f"{shortened(str(path))}: not a policy; give one of {', '.join(policies.names)} (or learn, "
-        f"in self-play), package.module:Name, a run folder{models}",
-    )
-    need(policies.models)
-    return saved.model(path, None if played == "sampled" else True, **trained)
+    else:
+        models = f", or a model ({', '.join(policies.models)})" if policies.models else ""
+        check(
+            path.suffix in policies.models,
+            f"{shortened(str(path))}: not a policy; give one of {', '.join(policies.names)} (or "
+            f"learn, in self-play), package.module:Name, a run folder{models}",
+        )
+        how = None if played == "sampled" else True
+        policy = saved.model(path, how, policies.models[path.suffix], **trained)
+        greedy = policy.greedy
+    policy.name = f"{path} ({'greedy' if greedy else 'sampled'})"
+    return policy

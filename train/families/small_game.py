@@ -14,7 +14,7 @@ from scripted_agents.names import is_custom_policy
 from train.evaluation.return_sides import SmallGameSides, reward_scale
 from train.evaluation.small_game_contest import SmallGameContest
 from train.families.family import Family
-from train.families.game_world import NO_MODELS, GameWorld
+from train.families.game_world import GameWorld
 from train.families.policies import NamedPolicies
 from train.networks.small_game_policy import SmallGameSeat
 from train.settings.checks import EVALUATION_SEED
@@ -81,9 +81,9 @@ def placed(policy: Any, task: GameTask, player: str, name: str, epsilon: float) 
     return TableAgent(task, player, policy.table(task), epsilon, policy.name)
 
 
-PLAYER_OF = attrgetter("agent")
+PLAYER_OF, MODELS = attrgetter("agent"), {".onnx": SmallGameSeat}
 SMALL_GAME_POLICIES = NamedPolicies(
-    SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, PLAYER_OF, NO_MODELS
+    SmallGameSettings, AGENTS, is_named, named_agent, players_of, placed, PLAYER_OF, MODELS
 )
 SmallGameWorld.POLICIES = SMALL_GAME_POLICIES
 FAMILY = Family(SmallGameSettings, seat_of, SmallGameWorld, SMALL_GAME_POLICIES, SmallGameSides)

@@ -44,29 +44,31 @@ class FrameStack:
     Attributes:
         count: the argument.
         shape: of one stacked observation.
+        offsets: [count], added to the numbers of each observation; 0 but for "index".
+        empty: the number of which empty observations consist.
     """
 
     def __init__(self, features: Features, count: int) -> None:
         self.count, self._one = count, features.shape
         self.shape = stacked(features, count).shape
         index = features.kind == "index"
-        self._offsets = _offsets(features, count) if index else None
-        self._empty = len(features.rows) - 1 if index else 0
+        self.offsets = _offsets(features, count)
+        self.empty = len(features.rows) - 1 if index else 0
 
     def empty_frames(self, games: int, dtype: np.dtype[Any]) -> Observations:
         """[games, count, *shape of one], all empty."""
-        return np.full((games, self.count, *self._one), self._empty, dtype=dtype)
+        return np.full((games, self.count, *self._one), self.empty, dtype=dtype)
 
     def forget(self, frames: Observations, games: NDArray[np.intp]) -> None:
         """Empty those of the given games, at the start of an episode."""
-        frames[games] = self._empty
+        frames[games] = self.empty
 
     def with_newest(self, frames: Observations, observed: Observations) -> Observations:
         """Writes the current observation [games, *shape of one] into `frames` [games, count, ...],
         and returns the stacked observations [games, *shape], a new array."""
         frames[:, 0] = observed
-        offsets = self._offsets
-        one = frames.copy() if offsets is None else frames + offsets.astype(frames.dtype)[:, None]
+        offsets = self.offsets.astype(frames.dtype)[:, None]
+        one = frames + offsets if offsets.any() else frames.copy()
         return one.reshape(len(frames), *self.shape)
 
 

@@ -97,11 +97,14 @@ class IndexLayer(nn.Module):
         rows = prepared.reshape(-1, prepared.shape[-1])
         table: torch.Tensor = self.weight
         padding: int | None = self.num_rows
-        if self.form == "dense":
+        if self.form == "dense" or torch.compiler.is_exporting():
             # A copy of the few rows with zeros in the last row takes a sixth of the time of
             # `padding_idx`.
             table, padding = nn.functional.pad(table[: self.num_rows], (0, 0, 0, 1)), None
-        summed = nn.functional.embedding_bag(rows, table, mode="sum", padding_idx=padding)
+        if torch.compiler.is_exporting():  # where `embedding_bag` becomes a loop
+            summed = table[rows].sum(dim=1)
+        else:
+            summed = nn.functional.embedding_bag(rows, table, mode="sum", padding_idx=padding)
         return (summed + self.bias).reshape(*prepared.shape[:-1], -1)
 
 

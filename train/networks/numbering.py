@@ -7,10 +7,13 @@ from math import comb
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pursuit.mazes.maze import Maze
 from pursuit.observations.masks import bump_masks
+from pursuit.observations.observations import Encoder
 from pursuit.rules import Games
 from pursuit.simulator.policy import GameView, pairs_of_cells
 from pursuit.tasks.task import Task
@@ -26,12 +29,14 @@ class SeatNumbering(ABC):
 
     Attributes:
         count: number of states, including unreachable ones.
+        seat: the learner, a `Seat`; None if it is not known.
         goal_sets: number of sets with 0, 1, ... remaining goals, in the order of enumeration.
         for_kernels: the numbers that `number_states` takes.
         allowed: [cells, actions] bool, the allowed actions in each cell of the learner.
     """
 
     count: int
+    seat: Any
     goal_sets: list[int]
     for_kernels: tuple[int, NDArray[np.int64]]
     allowed: NDArray[np.bool_]
@@ -43,6 +48,10 @@ class SeatNumbering(ABC):
     @abstractmethod
     def policy(self, q_values: NDArray[np.float64]) -> Any:
         """The greedy policy of a table [states, actions]; it follows changes of the table."""
+
+    @abstractmethod
+    def of_index(self, observation: Tensor) -> Tensor:
+        """[games] int64: the state numbers of "index" observations [games, numbers]."""
 
     @abstractmethod
     def check(self, discount: float) -> None:
@@ -66,20 +75,23 @@ class StateNumbers(SeatNumbering):
         task: the game.
         agent: the learner, by name or role.
         mask_bumps: whether moves into walls are masked.
+        seat: the learner's, as of `SeatNumbering`.
 
     Raises:
         ValueError: several mazes, or more than MAX_STATES states.
     """
 
-    def __init__(self, task: Task, agent: str = "", mask_bumps: bool = False) -> None:
-        self.task, self.agent = task, agent
+    def __init__(
+        self, task: Task, agent: str = "", mask_bumps: bool = False, seat: Any = None
+    ) -> None:
+        self.task, self.agent, self.seat = task, agent, seat
         if len(task.mazes) != 1:
             raise ValueError(
                 f"q_learning needs a single maze, but this task has {len(task.mazes)}; use one "
                 "maze, or an algorithm with a network"
             )
         goals, cells = task.num_goals, task.mazes[0].num_cells
-        base = cells + 1 if task.num_agents > 2 else cells
+        self.base = base = cells + 1 if task.num_agents > 2 else cells
         self.count = base**task.num_agents * sum(comb(cells, g) for g in range(goals + 1))
         if self.count > MAX_STATES:
             raise ValueError(
@@ -103,6 +115,22 @@ class StateNumbers(SeatNumbering):
     def policy(self, q_values: NDArray[np.float64]) -> QTablePolicy:
         """As of `SeatNumbering`."""
         return QTablePolicy(self, q_values)
+
+    def of_index(self, observation: Tensor) -> Tensor:
+        """As of `SeatNumbering`; `number_state` with arrays of games."""
+        task, (cells, binomials) = self.task, self.for_kernels
+        agents, goals, sets = task.num_agents, task.num_goals, np.cumsum([0, *self.goal_sets])
+        order = Encoder(task, "index").order[task.seat(self.agent)]
+        # The cell of each entity; where it is absent, a number of at least `cells`.
+        cell = (observation.long() - cells * torch.arange(observation.shape[1])).clamp(min=0)
+        digits = torch.from_numpy(self.base ** (agents - 1 - order))
+        state = (cell[:, :agents].clamp(max=self.base - 1) * digits).sum(1)
+        goal = cell[:, agents : agents + goals]
+        left = goal < cells
+        rank = 1 + ((goal[:, None] < goal[:, :, None]) & left[:, None]).sum(2)
+        ways = torch.from_numpy(binomials)[goal.clamp(max=cells), rank.clamp(max=goals)]
+        number = (ways * left).sum(1) + torch.from_numpy(sets)[left.sum(1)]
+        return state * int(sets[-1]) + number
 
     def check(self, discount: float) -> None:
         """As of `SeatNumbering`: not for drawn exits, turns, limited views, unbounded values."""
@@ -136,7 +164,7 @@ class QTablePolicy:
 
     def __init__(self, numbers: StateNumbers, q_values: NDArray[np.float64]) -> None:
         self.task, self.agent = numbers.task, numbers.agent
-        self.numbers, self.q_values = numbers, q_values
+        self.numbers, self.q_values, self.seat = numbers, q_values, numbers.seat
 
     def _best(self, games: Games, number: int) -> NDArray[np.int64]:
         """[games] the best allowed action of the agent with index `number`."""

@@ -115,6 +115,10 @@ class MazeSeat(Seat):
         """As of `Seat`: the settings, as in replays."""
         return MazeAdapter().settings(self.task)
 
+    def in_task(self, described: Plain) -> MazeSeat:
+        """As of `Seat`; policies are checked where they play."""
+        return replace(self, task=MazeAdapter().task(described))
+
     @property
     def action_names(self) -> list[str]:
         """As of `Seat`."""
@@ -177,7 +181,7 @@ class MazeSeat(Seat):
     @property
     def numbering(self) -> SeatNumbering:
         """As of `Seat`; ValueError for several mazes."""
-        return StateNumbers(self.task, self.agent, self.mask_bumps)
+        return StateNumbers(self.task, self.agent, self.mask_bumps, self)
 
     def bounds(self, batch: Simulator) -> tuple[Array, Array]:
         """As of `Seat`; warns where masks forbid waiting."""

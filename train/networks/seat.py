@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rules.arrays import Array
-from pursuit.validation import Missing, Plain
+from pursuit.validation import Missing, Plain, check
 from train.networks.features import Features
 from train.networks.numbering import SeatNumbering
 
@@ -87,6 +88,12 @@ class Seat(ABC):
     def action_names(self) -> list[str]:
         """The names of the discrete actions, for other programs."""
         return [str(number) for number in range(self.num_actions)]
+
+    def in_task(self, described: Plain) -> Seat:
+        """This seat in the task that an exported policy describes; ValueError for another game."""
+        own = json.loads(json.dumps({**self.described, "max_steps": described.get("max_steps")}))
+        check(own == described, f"was exported from another game than {own}; give it there")
+        return self
 
     @property
     def numbering(self) -> SeatNumbering | Missing:

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from pursuit.rules import Games
 from pursuit.rules.arrays import Array
@@ -182,6 +183,10 @@ class GameNumbers(SeatNumbering):
     def policy(self, q_values: NDArray[np.float64]) -> SmallGameTable:
         """As of `SeatNumbering`."""
         return SmallGameTable(self.seat, q_values)
+
+    def of_index(self, observation: Tensor) -> Tensor:
+        """As of `SeatNumbering`."""
+        return observation[:, 0].long()
 
     def check(self, discount: float) -> None:
         """As of `SeatNumbering`."""

@@ -6,6 +6,7 @@ Files may have further fields, as later versions may add some.
 from __future__ import annotations
 
 from math import inf
+from typing import Literal
 
 import msgspec
 
@@ -127,6 +128,17 @@ class Results(msgspec.Struct, kw_only=True):
     matches: list[Match] = []
     at_start: dict[str, float] = {}
     approximate_best_response: dict[str, float] = {}
+
+
+class Exported(msgspec.Struct):
+    """The metadata of an exported policy that is read; files of older versions have no format."""
+
+    task: Plain
+    agent: str
+    observation: str
+    actions: list[str]
+    format: Literal[1] = 1
+    play: dict[str, bool | float] = {}
 
 
 class Description(msgspec.Struct):

@@ -24,7 +24,8 @@ from train.runs.folder import (
     misfit,
     read_config,
 )
-from train.runs.saved import learning_seat, load_settings
+from train.runs.onnx_policy import load_onnx
+from train.runs.saved import learning_seat, load_settings, trains_team
 from train.runs.stable_baselines import load_stable_baselines
 from train.settings.run import AgentSettings
 from train.settings.self_play import sides_in
@@ -61,9 +62,12 @@ def load_policy(folder: Path | str, greedy: bool = True, at: int | str | None = 
         seat = learning_seat(settings)
         try:
             check_learned(algorithm.name, state["trainee"], seat)
-            return algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
+            policy: Any = algorithm.load(settings.hyper, seat, state["trainee"]["learner"], greedy)
         except MISFITS as error:
             raise misfit(folder, error) from None
+    if hasattr(policy, "seat"):  # for its export
+        policy.learned = algorithm.learns_distribution, trains_team(folder)
+    return policy
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,10 @@ class _SavedRuns:
             for role, own in sides_in(plain).items()
         }
 
-    def model(self, path: Path, greedy: bool | None, **trained: Any) -> Any:
+    def model(self, path: Path, greedy: bool | None, form: Any, **trained: Any) -> Any:
+        if path.suffix == ".onnx":
+            own = [trained.pop(name, None) or "" for name in ("task", "agent", "observation")]
+            return load_onnx(path, greedy, form(*own, **trained))
         return load_stable_baselines(path, greedy, **trained)
 
 

@@ -105,9 +105,8 @@ def enter(
     """The game and the entries of a league.
 
     Args:
-        names: folders of runs, of self-play those of all sides; saved Stable-Baselines3 models
-            (.zip); names of built-in and of user-defined policies, each for every side that it can
-            play.
+        names: folders of runs, of self-play those of all sides; models (.onnx, .zip); names of
+            built-in and of user-defined policies, each for every side that it can play.
         maze: the maze, if there is no run among the entries; None for 5x5.
         opponent_epsilon: probability of random moves of astar.
         greedy: learned policies take their most probable action instead of sampling.
@@ -130,7 +129,7 @@ def enter(
         given = load_settings(learned_in(first)[0]).task
     policies = need(family_of(given).policies)
     title = dict(zip(names, entry_names(names, policies.is_named, called), strict=True))
-    models = [n for n in names if policies.models is True and is_model(n, policies)]
+    models = [name for name in names if is_model(name, policies)]
     runs = [name for name in names if not policies.is_named(name) and name not in models]
     given.check_league([name for name in names if policies.is_named(name)])
     roles = given.sides
@@ -152,7 +151,7 @@ def enter(
     given.check_league(())
     sides = game_of_all(given)
     task = sides.task
-    bare = [name for name in models if not description_of(name).is_file()]
+    bare = [n for n in models if n.endswith(".zip") and not description_of(n).is_file()]
     model_sides = _one_each("model_roles", model_roles, bare)
     observations = _one_each("model_observations", model_observations, bare)
     agents = []
@@ -241,8 +240,8 @@ def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[st
 
 
 def is_model(name: str, policies: NamedPolicies) -> bool:
-    """Whether an entry is a saved Stable-Baselines3 model."""
-    return not policies.is_named(name) and Path(name).suffix == ".zip"
+    """Whether an entry is the file of a model."""
+    return not policies.is_named(name) and Path(name).suffix in policies.models
 
 
 def play_league(

@@ -167,8 +167,9 @@ class TaskSettings(TaskForm):
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: Annotated[str | None, AGENT] = None
     """None: A*. Otherwise random, uniform (all actions), equilibrium, searching (chasers also
-    sweeping, belief; these three respect the limited view), the folder of a run, a saved
-    Stable-Baselines3 model (.zip), or package.module:Name of a user-defined policy."""
+    sweeping, belief; these three respect the limited view), the folder of a run, an exported
+    policy (.onnx), a saved Stable-Baselines3 model (.zip), or package.module:Name of a user-defined
+    policy."""
     opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
     """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
     action)."""
@@ -449,7 +450,8 @@ class SmallGameSettings(TaskForm):
     """Steps after which an episode is truncated, at most 100,000."""
     opponent: Annotated[str, AGENT] = "uniform"
     """Policy of the other players: uniform, equilibrium (of a zero-sum game of two), the folder of
-    a run, or package.module:Name of a function of a state that returns probabilities."""
+    a run, an exported policy (.onnx), or package.module:Name of a function of a state that returns
+    probabilities."""
     opponent_epsilon: Annotated[float, RANDOM_MOVES] = 0.0
     """Probability of a uniformly random action of the opponents, in [0, 1]."""
     opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from pursuit.environments.single_agent import fill_seats
 from pursuit.mazes.maze import Maze
+from pursuit.observations.observations import Encoder
 from pursuit.rules import Games
 from pursuit.rules.layout import empty_games
 from pursuit.simulator.simulator import Simulator
@@ -87,6 +88,30 @@ def test_captured_agents_have_numbers_of_their_own() -> None:
             games.active[:] = [1, first < 4, second < 4]
             seen.add(int(numbers(games)[0]))
     assert len(seen) == 25 and max(seen) < numbers.count
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("maze", {"num_goals": 3}),
+        ("race", {"num_runners": 2, "num_goals": 2}),
+        ("chase", {"num_chasers": 2, "num_evaders": 2}),
+        ("heist", {"num_evaders": 2, "num_goals": 1}),
+    ],
+)
+def test_observations_have_the_numbers_of_their_states(name: str, changed: Any) -> None:
+    task = make_task(name, maze="3x3", **changed)
+    rng, count = np.random.default_rng(0), 500
+    goals = np.array([rng.permutation(9)[: task.num_goals] for _ in range(count)])
+    goals = np.where(rng.random(goals.shape) < 0.4, -1, goals)
+    games = games_of(task, rng.integers(0, 9, (count, task.num_agents)), goals)
+    if len(task.agent_names) > 2:
+        games.active[:] = rng.integers(0, 2, games.active.shape)
+    for agent in task.agent_names:
+        numbers, seat = StateNumbers(task, agent), task.seat(agent)
+        seen = Encoder(task, "index").encode(games)[:, seat]
+        found = numbers.of_index(torch.from_numpy(seen)).numpy()
+        np.testing.assert_array_equal(found, numbers(games))
 
 
 @pytest.mark.parametrize(

@@ -432,7 +432,6 @@ def test_runs_that_do_not_fit(
         ([*evaluate, "--maze", "5x5"], "not for task 'game'"),
         ([*evaluate, "--replays", tmp_path / "a.json"], "`pursuit view` shows episodes"),
         (["export", runs / "pair"], f"give {runs / 'pair/first'} or {runs / 'pair/second'}"),
-        (["export", runs / "table"], "has no network"),
         (["train", "--resume", runs / "pair"], "a run of kind 'self-play'"),
         (["self-play", "--resume", runs / "second"], "a run of kind 'single'"),
     ):  # fmt: skip

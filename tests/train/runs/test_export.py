@@ -140,7 +140,7 @@ def test_what_cannot_be_exported_is_refused(
     for text in (str(runs / "index"), runs / "index"):
         with pytest.raises(ValueError, match=r"policy='.*index'; give .*load_policy\('.*index'\)"):
             train.export_policy(text, tmp_path / "policy.pt2")
-    with pytest.raises(ValueError, match="no network without memory"):
+    with pytest.raises(ValueError, match="no network or table of a maze"):
         train.export_policy(AStarChaser(), tmp_path / "policy.pt2")
     team = {"algorithm": "ippo", "num_chasers": 2, "maze": "2x2", "frames": 640, "width": 8}
     small = {"num_games": 4, "rollout_steps": 4, "minibatch_size": 8, "max_steps": 8}
@@ -159,20 +159,36 @@ def test_what_cannot_be_exported_is_refused(
 
 
 @pytest.mark.parametrize(
-    "changed, option",
-    [({"frame_stack": 2}, "--frame-stack"), ({"recurrent": "gru"}, "--recurrent")],
+    "changed",
+    [{"frame_stack": 2, "recurrent": "gru"}, {"algorithm": "q_learning", "observation": "index"}],
 )
-def test_a_policy_with_memory_is_refused_by_its_option(
-    changed: dict[str, Any], option: str, tmp_path: Path
+def test_both_forms_of_a_file_are_the_same_function(
+    changed: dict[str, Any], tmp_path: Path
 ) -> None:
+    runtime = pytest.importorskip("onnxruntime")
     small = {"num_games": 8, "rollout_steps": 4, "minibatch_size": 16, "width": 8, "frames": 32}
+    small = {"frames": 4000} if "algorithm" in changed else small
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        run = start("single", train.settings_of(maze="3x3", **small, **changed), tmp_path)
-    with pytest.raises(ValueError) as refused:
-        train.export_policy(run.trainee.policy, tmp_path / "policy.pt2")
-    told = str(refused.value)
-    assert [name for name in ("--frame-stack", "--recurrent") if name in told] == [option]
+        run = start("single", train.settings_of(maze="3x3", **small, **changed), tmp_path / "run")
+        run.train()
+    paths = [tmp_path / f"policy{suffix}" for suffix in (".onnx", ".pt2")]
+    for path in paths:
+        train.export_policy(run.trainee.policy, path)
+    session = runtime.InferenceSession(paths[0])
+    sim = pursuit.Simulator(run.trainee.policy.task, num_games=7, seed=3)
+    sim.reset()
+    feed = {"observation": sim.view(0).observe("index")}
+    if "recurrent" in changed:
+        feed["memory"] = np.random.default_rng(0).integers(-9, 0, (7, 8 + 3)).astype(np.float32)
+    program = torch.export.load(paths[1]).module()
+    others: Any = program(*map(torch.from_numpy, feed.values()))
+    found = session.run(None, feed)
+    for one, other in zip(found, others if len(found) > 1 else [others], strict=True):
+        np.testing.assert_allclose(one, other.detach().numpy(), atol=1e-5)
+    extra: dict[str, Any] = {"pursuit.json": ""}
+    torch.export.load(paths[1], extra_files=extra)
+    assert (json.loads(extra["pursuit.json"])["memory"] == "null") == ("algorithm" in changed)
 
 
 def test_a_minari_dataset_holds_the_episodes(
