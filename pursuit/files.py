@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 from collections.abc import Callable
 from pathlib import Path
 
@@ -38,7 +39,8 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     real = Path(os.path.realpath(path))
     if real.is_symlink() or (real.exists() and not real.is_file()):  # a link: one to itself
         raise ValueError(f"{path}: not a file; give the path of a file")
-    partial = real.with_name(f".{real.name}.{os.getpid()}.part")  # as `train.files` finds them
+    # As `train.files` finds them; processes of two machines may have the same number.
+    partial = real.with_name(f".{real.name}.{secrets.token_hex(4)}.{os.getpid()}.part")
     try:
         write(partial)
         os.replace(partial, real)

@@ -20,7 +20,8 @@ from pursuit.files import cannot_write, write_atomically
 LOCK = ".lock"
 Plain = dict[str, Any]
 """Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
-_PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
+PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
+"""Names of temporary files."""
 
 
 def check_utf8(name: object) -> None:
@@ -94,7 +95,7 @@ def begins_with(path: Path, text: str) -> bool:
 
 def is_leftover(path: Path) -> bool:
     """Whether `path` is a temporary file of a process that has ended."""
-    named = _PART.match(path.name)
+    named = PART.match(path.name)
     return named is not None and not is_running(int(named["process"]))
 
 
@@ -208,7 +209,7 @@ def write_csv(
     write_atomically(path, write)
 
 
-def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
+def hold(folder: Path, what: str, shared: bool = False, name: str = LOCK) -> FileLock:
     """Lock `folder`, which is made if it does not exist, until the lock is released.
 
     It is also released when the process ends, or the lock is garbage-collected.
@@ -217,6 +218,7 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
         folder: to lock.
         what: the kind of work, for the message.
         shared: whether this process may lock it several times.
+        name: of the file of the lock; others are for parts of the folder.
 
     Raises:
         ValueError: it is locked already.
@@ -224,7 +226,7 @@ def hold(folder: Path, what: str, shared: bool = False) -> FileLock:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / LOCK, is_singleton=shared)
+        lock = FileLock(folder / name, is_singleton=shared)
         lock.acquire(blocking=False)
     except Timeout:
         raise ValueError(f"{folder}: another {what} uses this folder; wait for it") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from pursuit.validation import number, shortened, whole
 from scripted_agents.exact.joint.layout import NO_SLIPS, Store
 from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, SolvedGame
 from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_stochastic_game
+from scripted_agents.exact.long_work import report
 from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame, check_game
 
@@ -238,7 +240,8 @@ def equilibrium(
     check_zero_sum(game)
     many = [max(map(len, actions)) for actions in game.actions]
     store, lotteries = _store(game, many[1])
-    played = StochasticGame(store, (many[0], many[1]), discount, lotteries=lotteries)
+    tell = partial(report, f"solving {game.num_states:,} states")
+    played = StochasticGame(store, (many[0], many[1]), discount, None, lotteries, tell)
     values, _ = solve_stochastic_game(played, horizon)
     tables = {}
     for player, (name, dense) in enumerate(zip(game.players, played.strategies(), strict=True)):

@@ -192,8 +192,8 @@ def commands_of(page: str) -> list[list[str]]:
 
 
 def in_words(text: str) -> list[list[str]]:
-    """The words of every line of a block of commands."""
-    lines = text.replace("\\\n", " ").split("\n")
+    """The words of every line of a block of commands, an array job's with its number."""
+    lines = text.replace("\\\n", " ").replace("$SLURM_ARRAY_TASK_ID", "3").split("\n")
     return [
         words for line in lines if (words := shlex.split(line.removeprefix("$ "), comments=True))
     ]

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from pursuit.validation import at_least, check
+from scripted_agents.exact.long_work import in_time
 from train.commands.parse import parse
+from train.commands.progress import ProgressLine
 from train.files import Plain, check_output_folder, hold, write_json
-from train.reports.tables import ResultTable, print_table
+from train.reports.tables import in_markdown, print_table
 from train.settings.checks import Settings, check_default
 from train.settings.self_play import MEMBERS
 
@@ -65,7 +69,7 @@ class LeagueCommand(Settings):
     model_observations: tuple[str, ...] = ()
     """Observations of these models, such as one_hot; one for all, or one for each."""
     out: Path = Path("league")
-    """Folder for league.json, league.png and the tables (table.csv, chasers.csv and
+    """Folder for report.html, league.json, league.png and the tables (table.csv, chasers.csv and
     evaders.csv; for teams teams.csv, their best responses)."""
     overwrite: bool = False
     """Write to --out even if it has other files, and replace those with the same names."""
@@ -78,9 +82,18 @@ def league(arguments: Sequence[str]) -> None:
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
     from train.machine import machine, versions  # torch is slow to import
+    from train.reports.pages import section, write_page
+    from train.runs.folder import REPORT
     from train.runs.provenance import command_line
+    from train.runs.report import made_with
     from train.self_play.league import enter, entries_name, play_league, rate
-    from train.self_play.payoffs import draw_league, payoff_tables, ratings_table, teams_table
+    from train.self_play.payoffs import (
+        draw_league,
+        page_parts,
+        payoff_tables,
+        ratings_table,
+        teams_table,
+    )
 
     if given.game is not None:
         of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
@@ -90,7 +103,10 @@ def league(arguments: Sequence[str]) -> None:
     game, entered = enter(names, *how, *models, given.game, given.at)
     place, max_steps, where = game.place(), game.task.max_steps, game.describe_game()
     lock = hold(out, "league")
-    table = play_league(game, entered, given.games, given.seed)
+    with closing(ProgressLine()) as tell:
+        how_far = partial(tell, f"league {place}")
+        table = play_league(game, entered, given.games, given.seed, report=how_far)
+        teams = in_time(lambda: game.team_rows(entered, table), None, tell)[0]
     content: Plain = rate(table, given.seed)
     content |= {
         "format": FORMAT,
@@ -106,10 +122,10 @@ def league(arguments: Sequence[str]) -> None:
         "versions": versions(),
         "machine": machine(),
     }
-    teams = game.team_rows(entered, table)
     content |= {"team": teams} if teams else {}
     write_json(out / LEAGUE, content)
-    draw_league(out / "league.png", table, f"League {place.replace('maze ', '')}")
+    title = f"League {place.replace('maze ', '').replace('game ', '')}"
+    figures = draw_league(out / "league.png", table, title)
     tables = payoff_tables(table, content)
     if table.first is None:
         tables |= {entries_name(role): ratings_table(role, content) for role in table.roles}
@@ -117,53 +133,59 @@ def league(arguments: Sequence[str]) -> None:
         tables["teams"] = teams_table(teams, table.measure)
     for stem, each in tables.items():
         each.write(out, stem)
-    _print(place, max_steps, table, tables, content)
+    head, warnings = headline(place, max_steps, table), warnings_of(max_steps, table, content)
+    notes = ["general-sum game: no Nash averaging and no ratings"] * (table.first is not None)
     for role, other, why in dict.fromkeys((r["role"], r["against"], r["reason"]) for r in teams):
         if why:
-            print(f"no exact best response of the {role}s against {other}: {why}")
+            notes.append(f"no exact best response of the {role}s against {other}: {why}")
     if legend := game.legend(names, given.opponent_epsilon):
-        print(legend)
-    lock.release()
-    print(f"figures and tables: {out}")
-
-
-def _print(
-    place: str,
-    max_steps: int,
-    table: LeagueTable,
-    tables: Mapping[str, ResultTable],
-    content: Plain,
-) -> None:
-    exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
-    first, second = table.roles
-    both = table.first is not None
-    several = "{}s" if table.counts_captures else "policies of {}"
-    unit = f"returns of {first}, then of {second}," if both else table.measure.unit
-    print(
-        f"{unit} {place}, at most {max_steps} ({exact}); rows: {several.format(first)}, "
-        f"columns: {several.format(second)}"
-    )
+        notes.append(legend)
+    print(head)
     for each in tables.values():
         print_table(each)
         print()
-    if both:
-        print("general-sum game: no Nash averaging and no ratings")
-        return
-    for line in survival_lines(max_steps, content) if table.counts_captures else ():
-        print(f"warning: {line}", file=sys.stderr)
+    print("".join(f"warning: {line}\n" for line in warnings), end="", file=sys.stderr)
+    print("".join(f"{line}\n" for line in notes), end="")
+    parts = [in_markdown(f"Payoffs: {head}."), *page_parts(figures, tables, [*warnings, *notes])]
+    made = section("Command", made_with(content["command"], content))
+    write_page(out / REPORT, title, [*parts, *made])
+    lock.release()
+    print(f"report: {out / REPORT}\nfigures and tables: {out}")
+
+
+def headline(place: str, max_steps: int, table: LeagueTable) -> str:
+    """What the payoffs are, and of whom."""
+    exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
+    first, second = table.roles
+    unit = table.measure.unit
+    if table.first is not None:
+        unit = f"returns of {first}, then of {second},"
+    rows, columns = (policies_of(role, table) for role in table.roles)
+    return f"{unit} {place}, at most {max_steps} ({exact}); rows: {rows}, columns: {columns}"
+
+
+def policies_of(role: str, table: LeagueTable) -> str:
+    """The policies of a role in words."""
+    return f"{role}s" if table.counts_captures else f"policies of {role}"
+
+
+def warnings_of(max_steps: int, table: LeagueTable, content: Plain) -> list[str]:
+    """Where ratings mean little: policies that are never caught, and cycles."""
+    if table.first is not None:
+        return []
+    lines = survival_lines(max_steps, content) if table.counts_captures else []
     for role in table.roles:
         if cycle := content[f"{role}_cycle"]:
-            print(
-                f"\nwarning: the {several.format(role)} are not transitive, so ratings cannot "
-                f"order them: {' > '.join([*cycle, cycle[0]])}",
-                file=sys.stderr,
+            lines.append(
+                f"the {policies_of(role, table)} are not transitive, so ratings cannot order "
+                f"them: {' > '.join([*cycle, cycle[0]])}"
             )
     if cycle := content["cycle"]:
-        print(
-            "\nwarning: these results are not transitive, so there is no single ranking; each "
-            f"is the best response to the previous one: {' -> '.join([*cycle, cycle[0]])}",
-            file=sys.stderr,
+        lines.append(
+            "these results are not transitive, so there is no single ranking; each is the best "
+            f"response to the previous one: {' -> '.join([*cycle, cycle[0]])}"
         )
+    return lines
 
 
 def survival_lines(max_steps: int, content: Plain) -> list[str]:

@@ -74,7 +74,7 @@ def maze(arguments: Sequence[str]) -> None:
         more: Plain = {"no_dead_ends": not given.dead_ends, "seed": given.seed}
         made = generate_maze(given.generate, given.height, given.width, loops=given.loops, **more)
     picture = given.picture
-    check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give a .png or .svg file")
+    check(picture is None or picture.suffix[1:] in FORMATS, f"{picture}: give .png, .svg or .pdf")
     check(
         given.out is None or reads_as_text(given.out),
         f"{given.out}: --out writes the text format of Pursuit, which is not read from this path; "

@@ -8,6 +8,7 @@ from contextlib import closing
 from math import isnan
 from pathlib import Path
 from shlex import quote
+from shutil import get_terminal_size
 from time import perf_counter, strftime
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,14 +24,20 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", bound="Trainee")
 
+ERASE = "\r\x1b[K"
+"""Empties the current line of a terminal."""
+COLUMNS = 100
+"""Of a line of progress, at most."""
+
 QUIET = 2.0
 """Work of fewer seconds is not reported."""
 
 
 class ProgressLine:
-    """Reports the progress of long work on stderr; nothing for work of a few seconds.
+    """Reports the progress of long work on stderr, with the expected remaining time; nothing for
+    work of a few seconds.
 
-    In a terminal one line is updated, elsewhere a line is printed every ten seconds.
+    In a terminal one line is updated, elsewhere a line is printed every minute.
     """
 
     def __init__(self) -> None:
@@ -38,23 +45,40 @@ class ProgressLine:
         self.what, self.open = "", False
 
     def close(self) -> None:
-        """End an open line."""
+        """Erase an open line."""
         if self.open:
             self.open = False
-            print(file=sys.stderr)
+            print(ERASE, end="", file=sys.stderr, flush=True)
 
-    def __call__(self, what: str, share: float) -> None:
-        """Report the current work, and its completed share in [0, 1]."""
+    def __call__(self, what: str, share: float, state: str = "", left: str = "") -> None:
+        """Report the current work.
+
+        Args:
+            what: the work, shortened if the line is too long.
+            share: its completed share in [0, 1]; NaN if unknown.
+            state, left: in words, before and after the time so far; of a known share in per cent.
+        """
         now, live = perf_counter(), sys.stderr.isatty()
         if what != self.what:
             self.close()
             self.what, self.began, self.reported = what, now, now
-        elif now - self.reported >= (0.5 if live else 10.0) and now - self.began >= QUIET:
-            self.reported, self.open = now, live
-            begin, end = ("\r", "\x1b[K") if live else ("", "\n")
-            done = "" if isnan(share) else f"{100 * share:3.0f} %, "
-            line = f"{begin}{what}: {done}{now - self.began:.0f} s"
-            print(line, end=end, file=sys.stderr, flush=True)
+        elif now - self.reported >= (0.5 if live else 60.0) and now - self.began >= QUIET:
+            self.reported, self.open, took = now, live, now - self.began
+            if not isnan(share):
+                state = f"{100 * share:.0f} %"
+                left = f"about {duration(took / share - took)} left" if share > 0.0 else ""
+            parts = ", ".join(filter(None, (state, f"{duration(took)} so far", left)))
+            width = min(get_terminal_size().columns - 1, COLUMNS) if live else COLUMNS
+            line = f"{what[: max(width - len(parts) - 2, 0)]}: {parts}"[:width]
+            begin, end = (ERASE, "") if live else ("", "\n")
+            print(f"{begin}{line}", end=end, file=sys.stderr, flush=True)
+
+
+def duration(seconds: float) -> str:
+    """A time in words, in seconds, minutes or hours."""
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5970 else f"{seconds / 3600:.1f} h"
 
 
 class TrainingProgress:

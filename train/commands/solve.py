@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +20,7 @@ import scripted_agents
 from pursuit.mazes.maze import Maze, load_maze
 from pursuit.validation import check, choice, rule, text_of
 from scripted_agents import games
+from scripted_agents.exact.long_work import in_time
 from scripted_agents.games.small_game import SmallGame, longest_play
 from scripted_agents.names import GAME_DISCOUNT as DISCOUNT
 from scripted_agents.names import UNIFORM
@@ -81,7 +82,7 @@ class SolveCommand(Settings):
     seconds: Annotated[float, SECONDS] = 20.0
     """Time limit of the search with --view-radius."""
     out: Path | None = None
-    """The figure (.png or .svg); solve-MAZE.png by default."""
+    """The figure (.png, .svg or .pdf); solve-MAZE.png by default."""
     overwrite: bool = False
     """Replace the figure if it exists."""
 
@@ -155,22 +156,23 @@ def solve_maze(given: SolveCommand) -> None:
         "cells; give fewer chasers or a larger maze",
     )
     out = given.out or Path(f"solve-{Path(given.maze).stem}.png")
-    check(out.suffix[1:] in FORMATS, f"out={out}; give a .png or .svg file")
+    check(out.suffix[1:] in FORMATS, f"out={out}; give .png, .svg or .pdf")
     check_new_files([out], given.overwrite)
     began = perf_counter()
     order: Any = given.move_order
-    alive, solving = ProgressLine(), f"solving {maze.name}"
     how = (given.discount, given.stay_action, given.horizon, order, given.num_chasers)
-    solution = scripted_agents.solve_chase(maze, *how, lambda share: alive(solving, share))
-    alive(solving, 1.0)
+    tell, solving = ProgressLine(), f"solving {maze.name}"
+    solution = scripted_agents.solve_chase(maze, *how, lambda share: tell(solving, share))
+    tell.close()
     print(describe(solution, perf_counter() - began))
     try:
         number = scripted_agents.cop_number(
-            maze, report=lambda done, chasers: alive(f"{chasers} chaser(s), alternating", done)
+            maze, report=lambda done, chasers: tell(f"{chasers} chaser(s), alternating", done)
         )
         text = "more than 3" if number is None else str(number)
     except ValueError as error:
         text = f"not known ({error})"
+    tell.close()
     print(f"{'cop number (alternating moves)':<{WIDTH}}{text}")
     if given.num_chasers == 1:
         shown = zip(cells.values(), default_cells(solution), strict=True)
@@ -202,16 +204,16 @@ def describe_limited_view(maze: Maze, given: SolveCommand) -> str:
     form = scripted_agents.AStarEvader if own == "chaser" else scripted_agents.AStarChaser
     opponent = form(given.opponent_epsilon)
     table = opponent.action_probabilities(maze, given.stay_action)
-    alive, name = ProgressLine(), f"radius {given.view_radius}"
+    tell, name = ProgressLine(), f"radius {given.view_radius}"
     names = ("discount", "seconds", "role", "move_order")
     how: Plain = {option: getattr(given, option) for option in names}
 
     def report(now: float, lower: float, upper: float) -> None:
-        alive(name, min(now / given.seconds, 1.0))
+        tell(name, min(now / given.seconds, 1.0))
 
     full = scripted_agents.solve_hidden_chase(maze, table, None, **how)
     found = scripted_agents.solve_hidden_chase(maze, table, given.view_radius, report=report, **how)
-    alive(name, 1.0)
+    tell.close()
     low, up = (100.0 * (bound / full.upper - 1.0) for bound in (found.lower, found.upper))
     return in_lines(
         {
@@ -232,8 +234,11 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
     order: Any = given.move_order
     began, lines = perf_counter(), {}
     how = (given.discount, given.stay_action, order)
+    tell, solving = ProgressLine(), f"solving {maze.name}"
     if given.method == "double-oracle":
-        solved = scripted_agents.double_oracle(maze, *how)
+        solved = scripted_agents.double_oracle(
+            maze, *how, report=lambda one: tell(solving, nan, f"NashConv {one.nash_conv:.2g}")
+        )
         for number, one in enumerate(solved.iterations, 1):
             lines[f"iteration {number}"] = (
                 f"NashConv {one.nash_conv:.6f}; actions per state: chaser "
@@ -241,15 +246,15 @@ def describe_population(maze: Maze, given: SolveCommand) -> str:
             )
         value, conv = scripted_agents.mean_over_starts(solved.solution.values, maze), one.nash_conv
     else:
-        alive, solving = ProgressLine(), f"solving {maze.name}"
         played = scripted_agents.fictitious_play(
-            maze, PLAYS, *how, lambda n, _: alive(solving, n / PLAYS)
+            maze, PLAYS, *how, lambda n, _: tell(solving, n / PLAYS)
         )
         for number in SHOWN:
             lines[f"iteration {number}"] = f"NashConv {played.nash_convs[number - 1]:.6f}"
         tables = played.chaser_policy, played.evader_policy
         met = scripted_agents.evaluate_exactly(maze, *tables, None, given.discount, order)
         value, conv = scripted_agents.mean_over_starts(met, maze), played.nash_convs[-1]
+    tell.close()
     stay = "with" if given.stay_action else "no"
     text = {
         "maze": size_in_words(maze),
@@ -395,7 +400,9 @@ def solve_game(given: SolveGameCommand) -> None:
         returns = game.start @ games.returns_of(game, uniform, discount, horizon)
         found = described_response(game, solution, returns)
     elif game.zero_sum:
-        solution = games.equilibrium(game, discount, horizon)
+        tell = ProgressLine()
+        solution = in_time(lambda: games.equilibrium(game, discount, horizon), None, tell)[0]
+        tell.close()
         share = games.mixed_share(game, discount, horizon, solution)
         found = described_equilibrium(game, solution, share)
     else:

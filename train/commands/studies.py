@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-import os
+import re
 import shlex
 import sys
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import chain
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from pursuit.validation import at_least, check, choice
+from pursuit.validation import at_least, check, choice, passes
 from train.commands.parse import parse
+from train.commands.progress import ProgressLine, duration
+from train.experiments.shards import shard_of
 from train.experiments.study import ENDED, StudyFile, shipped
 from train.files import check_output_folder
 from train.settings.checks import Settings
 
 if TYPE_CHECKING:
-    from train.experiments.runs import Study
+    from train.experiments.runs import Study, TrainingRun
     from train.experiments.stages import Stage
 
 
@@ -55,6 +59,9 @@ class SweepCommand(Settings):
     rows: Path | None = None
     """A folder for the rows of finished runs: runs.csv, with a search for settings tuning.csv. Runs
     whose row is there are not executed again, also on another machine and without --out."""
+    shard: Annotated[str | None, passes(shard_of)] = None
+    """K/N, such as 3/10: execute the part K of N of the runs, with rows in a file of its own, such
+    as runs-3-of-10.csv in --rows. The same command without --shard makes the report of all."""
     overwrite: bool = False
     """Use --out even if it contains another study. Its runs are kept, its report is replaced."""
 
@@ -153,6 +160,10 @@ def run_study_file(
         options.address is None or options.executor == "ray",
         f"address={options.address!r} is for Ray clusters; give --executor ray, or leave it out",
     )
+    check(
+        options.shard is None or options.rows is not None,
+        f"shard={options.shard!r} without rows; give --rows FOLDER, the same to all shards",
+    )
     from train.experiments.expansion import load_study  # torch is slow to import
     from train.experiments.runs import is_folder_of
     from train.experiments.stages import stages_of
@@ -177,6 +188,8 @@ def run_study_file(
     version = "-full" if full else "-short" * (kind == "comparison")
     out = options.out or Path(f"{kind}s") / f"{Path(name).stem}{version}"
     stages = stages_of(name, kind, options.version, out, with_clock, options.rows)
+    if options.shard is not None:
+        stages = [stage.in_shard(shard_of(options.shard)) for stage in stages]
     study = stages[-1].expand()
     check_output_folder(out, lambda folder: is_folder_of(study, folder), options.overwrite)
     if options.dry_run:
@@ -227,7 +240,7 @@ def reproduce(arguments: Sequence[str]) -> None:
 
 
 def run_stages(
-    stages: Iterable[Stage],
+    stages: Sequence[Stage],
     workers: int,
     again: str,
     executor: str = "local",
@@ -251,21 +264,26 @@ def run_stages(
     from train.experiments.executors import run_locally, run_on_ray  # torch is slow to import
     from train.experiments.runs import statuses_of
     from train.experiments.stages import carry_out
+    from train.machine import usable_cores
 
     running: list[tuple[Study, Path]] = []
 
     def execute(study: Study, folder: Path) -> dict[str, str]:
         running[:] = [(study, folder)]
-        watch = SweepWatch()
-        if executor == "local":
-            statuses = run_locally(study, folder, workers or os.cpu_count() or 1, watch)
-        else:
-            statuses = run_on_ray(study, folder, address, watch)
+        place = [stage.folder for stage in stages].index(folder)
+        later = sum(budget_left(stage) for stage in stages[place + 1 :])
+        watch = SweepWatch(study.layout.title, study.own, later)
+        with closing(watch.line):
+            if executor == "local":
+                statuses = run_locally(study, folder, workers or len(usable_cores()), watch)
+            else:
+                statuses = run_on_ray(study, folder, address, watch)
         print(counts(statuses.values()))
         return statuses
 
     try:
-        done = carry_out(stages, execute, lambda line: print(line, flush=True))
+        merge = re.sub(r" --shard[ =]\S+", "", again)
+        done = carry_out(stages, execute, lambda line: print(line, flush=True), merge)
     except KeyboardInterrupt:
         found = [*chain(*(statuses_of(*each).values() for each in running))]
         saved = counts(status for status in found if status != "new")
@@ -299,13 +317,22 @@ def counts(statuses: Iterable[str]) -> str:
     return ", ".join(f"{number} {status}" for status, number in found)
 
 
+def budget_left(stage: Stage) -> float:
+    """The budgets of the runs of a stage that are not complete, as `TrainingRun.cost`."""
+    from train.experiments.runs import statuses_of  # torch is slow to import
+
+    study = stage.expand()
+    statuses = statuses_of(study, stage.folder)
+    return sum(run.cost for run in study.own if statuses[run.name] != "complete")
+
+
 def list_runs(plan: Study, out: Path) -> None:
     """Print the status, the varying settings and the folder of every run."""
     from train.experiments.runs import folder_of, statuses_of  # torch is slow to import
     from train.experiments.variants import out_of_reach
 
     statuses = statuses_of(plan, out)
-    for run in plan.runs:
+    for run in plan.own:
         what = " ".join(f"{n}={v}" for n, v in (run.label | {"seed": run.seed}).items())
         print(f"{statuses[run.name]:<12}{what}  {folder_of(out, run.name)}")
     for line in out_of_reach(plan):
@@ -324,32 +351,49 @@ def list_stages(stages: Iterable[Stage], out: Path, workers: int) -> None:
     """
     from train.experiments.runs import statuses_of  # torch is slow to import
     from train.experiments.variants import out_of_reach
+    from train.machine import usable_cores
 
     total = 0
     for stage in stages:
         plan = stage.expand()
         done = list(statuses_of(plan, stage.folder).values()).count("complete")
-        total += len(plan.runs) - done
-        budgets = {(run.settings.seconds, run.settings.frames) for run in plan.runs}
+        total += len(plan.own) - done
+        budgets = {(run.settings.seconds, run.settings.frames) for run in plan.own}
         words = " or ".join(
             f"{seconds:g} s each" if seconds is not None else f"{frames:,} frames each"
             for seconds, frames in sorted(budgets, key=str)
         )
-        print(f"{stage.name:<20}{len(plan.runs):>4} runs, {done} complete; {words}")
+        print(f"{stage.name:<20}{len(plan.own):>4} runs, {done} complete; {words}")
         if plan.pinned and stage.folder == out:
             for line in out_of_reach(plan):
                 print(line)
-    parallel = workers or os.cpu_count() or 1
+    parallel = workers or len(usable_cores())
     print(f"{total} runs to do into {out}, {parallel} in parallel; nothing was done")
 
 
 class SweepWatch:
-    """Prints the progress of a study, when a run starts or ends and every 30 seconds."""
+    """Prints the runs of a study that end, and its progress with the expected remaining time.
 
-    def __init__(self) -> None:
-        self.began, self.printed = time.monotonic(), 0.0
+    That is the time for the budgets of the runs left, at the speed of the runs so far.
+
+    Args:
+        title: of the study.
+        runs: those that this command executes.
+        later: the budgets (`TrainingRun.cost`) of further studies.
+
+    Attributes:
+        started: by run its time, and its progress then.
+        took: by run the seconds to its last progress, and the share of its budget that they made.
+    """
+
+    def __init__(self, title: str, runs: Sequence[TrainingRun], later: float = 0.0) -> None:
+        self.title, self.later, self.line = title, later, ProgressLine()
+        self.costs = {run.name: run.cost for run in runs}
+        self.in_seconds = all(run.settings.seconds is not None for run in runs)
         self.before: dict[str, str] = {}
         self.done_before: set[str] | None = None
+        self.started: dict[str, tuple[float, float]] = {}
+        self.took: dict[str, tuple[float, float]] = {}
 
     def __call__(self, statuses: dict[str, str], progress: dict[str, float]) -> None:
         """Print runs that have ended, and the progress."""
@@ -361,24 +405,28 @@ class SweepWatch:
         for name, status in statuses.items():
             new = status != self.before.get(name) and name not in self.done_before
             if new and status in reported:
+                self.line.close()
                 print(f"{status:<12}{name}", flush=True)
+        self.before = dict(statuses)
+        left = self.seconds_left(statuses, progress)
         ended = sum(status in ENDED for status in statuses.values())
-        now = time.monotonic()
-        if statuses != self.before or now - self.printed > 30:
-            self.printed, self.before = now, dict(statuses)
-            left = self.seconds_left(statuses, progress)
-            parts = [f"{ended} of {len(statuses)} done", f"{len(progress)} running"]
-            if progress:
-                parts.append(" ".join(f"{100 * share:.0f}%" for share in progress.values()))
-            if left is not None:
-                minutes = round(left / 60)
-                hours = f"{minutes} min" if minutes < 120 else f"{minutes / 60:.1f} h"
-                parts.append(f"about {f'{left:.0f} s' if minutes < 1 else hours} left")
-            print(", ".join(parts), flush=True)
+        state = f"{ended} of {len(statuses)} runs done, {len(progress)} running"
+        whole = " in all" if self.later else ""
+        words = "" if left is None else f"about {duration(left)} left{whole}"
+        self.line(self.title, nan, state, words)
 
     def seconds_left(self, statuses: dict[str, str], progress: dict[str, float]) -> float | None:
-        """The expected remaining time, from the time so far; None until that is long enough."""
+        """The expected remaining time; None until the speed is known, for budgets in frames."""
+        now = time.monotonic()
+        complete = {name: 1.0 for name in self.started if statuses[name] == "complete"}
+        for name, share in {**complete, **progress}.items():
+            began, before = self.started.setdefault(name, (now, share))
+            if share - before > self.took.get(name, (0.0, 0.0))[1]:
+                self.took[name] = (now - began, share - before)
+        work = sum(self.costs[name] * share for name, (_, share) in self.took.items())
+        if not work and not self.in_seconds:
+            return None
+        speed = work / sum(seconds for seconds, _ in self.took.values()) if work else 1.0
         ahead = [name for name, status in statuses.items() if status not in ENDED]
-        left = sum(1.0 - progress.get(name, 0.0) for name in ahead)
-        done = len(statuses) - len(self.done_before or ()) - left
-        return None if done < 0.05 else (time.monotonic() - self.began) / done * left
+        left = sum(self.costs[name] * (1.0 - progress.get(name, 0.0)) for name in ahead)
+        return (left + self.later) / speed / max(len(progress), 1)

@@ -43,7 +43,7 @@ def payoff_table(
 
 def _cell(name: str, row: Row) -> str:
     half = row[f"{name} ci95"]
-    value = "never" if row.get(f"{name} never caught") else f"{row[name]:.2f}"
+    value = "never" if row.get(f"{name} never caught") else f"{row[name]:z.2f}"
     return value + (f" ± {half:.2f}" if half else "")
 
 

@@ -13,7 +13,7 @@ import signal
 import socket
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from multiprocessing import get_all_start_methods, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -27,8 +27,9 @@ from pursuit.validation import check
 from train.experiments.recorded import record
 from train.experiments.rows import recorded_row
 from train.experiments.runs import ERROR, PROGRESS, Study, Watch, prepare, status_of, statuses_of
+from train.experiments.shards import row_files
 from train.experiments.study import ENDED
-from train.files import only_one, write_text
+from train.files import LOCK, hold, only_one, write_text
 from train.kinds import open_run
 from train.machine import usable_cores
 from train.runs.folder import load_config
@@ -61,7 +62,8 @@ class Job(Protocol):
 def run_study(
     study: Study, out: Path, slots: int, start: Callable[[Path, int], Job], watch: Watch
 ) -> dict[str, str]:
-    """Execute all runs that are not complete, and return the status of every run by name.
+    """Execute all runs of the study, or of its shard, that are not complete; the status of each
+    by name.
 
     Args:
         study: the runs.
@@ -71,9 +73,10 @@ def run_study(
         watch: called with the status and progress of all runs.
 
     Raises:
+        ValueError: another process executes the study or the shard.
         KeyboardInterrupt: once the runs have saved.
     """
-    with only_one(out, "sweep"):
+    with alone(study, out):
         folders = {run.name: folder for run, folder in prepare(study, out)}
         for folder in folders.values():  # of a command that ended before it wrote the row
             if status_of(folder) == "complete":
@@ -109,6 +112,27 @@ def run_study(
                 time.sleep(POLL)
             raise
         return statuses
+
+
+@contextlib.contextmanager
+def alone(study: Study, out: Path) -> Iterator[None]:
+    """Lock what only one process may write: of a shard its file of rows, as shards may share the
+    folder of the study; of a whole study the folder, and the rows of shards, which have then ended.
+
+    Raises:
+        ValueError: another process has locked one of them.
+    """
+    files = [] if study.rows is None else row_files(study.rows)
+    if study.shard is not None and study.rows is not None:
+        files = [study.shard.file(study.rows)]
+    with contextlib.ExitStack() as held:
+        if study.shard is None:
+            held.enter_context(only_one(out, "sweep"))
+        for path in (path for path in files if path != study.rows):
+            lock = hold(path.parent, f"shard ({path.name})", name=f".{path.stem}{LOCK}")
+            held.callback(lock.release)
+            path.touch()
+        yield
 
 
 # -- one run ---------------------------------------------------------------------------------------
@@ -197,7 +221,8 @@ def end_with_parent() -> None:
 def record_run(study: Study, folder: Path) -> None:
     """Write the row of a run that has ended, if the study has a file of rows."""
     if study.rows is not None:
-        record(study.rows, recorded_row(folder))
+        rows = study.rows if study.shard is None else study.shard.file(study.rows)
+        record(rows, recorded_row(folder))
 
 
 def record_end(folder: Path, code: int) -> None:

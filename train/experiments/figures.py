@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -38,7 +39,33 @@ LEVELS: dict[str, tuple[str, LineStyle]] = {
     "optimal": (GREEN, "--"),
 }
 """Colours and styles of the references of returns, goals and outcomes."""
+ELSEWHERE = "no curves: these runs\nare in another folder"
+"""In a panel whose runs are known by their rows alone."""
 COLORS = tuple(color for color in PALETTE if color != GREY)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How the figures of a report are drawn.
+
+    Attributes:
+        unit: of training time: frames or seconds.
+        log: whether the axis of training time is logarithmic.
+        y: the scale of the vertical axis of curves, "linear" or "log"; None for the usual one.
+        also: the format of figures beside .png, as of `save`.
+        title: of report and figures; None for the usual one.
+    """
+
+    unit: str = "frames"
+    log: bool = False
+    y: str | None = None
+    also: str = "svg"
+    title: str | None = None
+
+    @property
+    def below(self) -> str:
+        """What a logarithmic axis does not show."""
+        return ". Values of 0 and less are below the axis" * (self.y == "log")
 
 
 def unit_of(study: StudyRows) -> str:
@@ -57,9 +84,7 @@ def curve_of(
     return times[known], values[known]
 
 
-def draw_curves(
-    path: Path, study: StudyRows, measures: Sequence[Measure], unit: str, log: bool
-) -> None:
+def draw_curves(path: Path, study: StudyRows, measures: Sequence[Measure], how: Drawing) -> None:
     """Measures over seconds or frames: a panel for each measure and x, one colour per group."""
     groups = list(dict.fromkeys(row["_group"] for row in study.rows))
     panels: list[Panel] = []
@@ -68,7 +93,7 @@ def draw_curves(
             series = []
             for place, name in enumerate(groups):
                 own = [r for r in study.rows if (r["_x"], r["_group"]) == (value, name)]
-                found = [curve_of(study, r, measure.column, measure.factor, unit) for r in own]
+                found = [curve_of(study, r, measure.column, measure.factor, how.unit) for r in own]
                 curves = [curve for curve in found if len(curve[0])]
                 color = PALETTE[place % len(PALETTE)]
                 if curves:
@@ -79,10 +104,11 @@ def draw_curves(
             title = f"{str(study.x).replace('_', ' ')} {value}" if study.x else ""
             first = measure.title if not len(panels) % COLUMNS else ""
             levels = levels_of(measure, here)
-            panels.append(Panel(series, first, title, measure.scale, levels=levels))
+            note, scale = "" if series else ELSEWHERE, how.y or measure.scale
+            panels.append(Panel(series, first, title, scale, levels=levels, note=note))
     grid = [panels[first : first + COLUMNS] for first in range(0, len(panels), COLUMNS)]
     title = study.layout.title
-    draw_panels(path, grid, unit, title, beside=True, log=log, note=SINGLE_RUNS)
+    draw_panels(path, grid, how.unit, title, True, how.log, SINGLE_RUNS + how.below, how.also)
 
 
 def levels_of(measure: Measure, rows: Sequence[Row]) -> list[Level]:
@@ -104,6 +130,7 @@ def draw_final(
     table: Sequence[Row],
     line: str,
     panels: Mapping[str, tuple[str, str, str]],
+    how: Drawing,
 ) -> None:
     """Values of a table with their intervals and single runs, one line per x or variant.
 
@@ -113,6 +140,7 @@ def draw_final(
         table: the rows.
         line: the column that names a line.
         panels: by label: the scale of the axis, the column of the value, and that of single runs.
+        how: see `Drawing`.
     """
     control = study.layout.control
     groups = list(dict.fromkeys(row.get("group") for row in table))
@@ -133,25 +161,25 @@ def draw_final(
             estimates.append(PlottedEstimate(str(row[line]), value, low, high, runs, shade, group))
         drawn[label] = (scale, estimates)
     words = str(study.x).replace("_", " ") if control is None else ""
-    draw_intervals(path, drawn, study.layout.title, words)
+    draw_intervals(path, drawn, study.layout.title, words, how.also)
 
 
 # -- ablations -------------------------------------------------------------------------------------
 
 
-def draw_stages(folder: Path, study: StudyRows, unit: str, log: bool) -> list[str]:
+def draw_stages(folder: Path, study: StudyRows, how: Drawing) -> list[str]:
     """For each task a figure of all variants beside the control; returns the file names."""
     names = []
     for task in dict.fromkeys(str(row["_x"]) for row in study.rows):
         name = re.sub(r"[^A-Za-z0-9_.+-]+", "_", f"variants{'-' + task if task else ''}.png")
         title = study.layout.title + (f" ({task})" if task else "")
-        grid = variant_panels(study, task, unit)
-        draw_panels(folder / name, grid, unit, title, beside=True, log=log, note=LINES)
+        grid, note = variant_panels(study, task, how), LINES + how.below
+        draw_panels(folder / name, grid, how.unit, title, True, how.log, note, how.also)
         names.append(name)
     return names
 
 
-def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
+def variant_panels(study: StudyRows, task: str, how: Drawing) -> list[list[Panel]]:
     """Two panels per variant: the gaps, with the control in grey, and the stage of the curriculum.
 
     A dotted line marks the start of the last stage of a run.
@@ -167,7 +195,7 @@ def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
 
     def gaps(row: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         factor = -100.0 if longer_is_better(row) else 100.0
-        return curve_of(study, row, "optimality_gap", factor, unit)
+        return curve_of(study, row, "optimality_gap", factor, how.unit)
 
     grid: list[list[Panel]] = []
     for first in range(0, len(names), COLUMNS):
@@ -177,18 +205,20 @@ def variant_panels(study: StudyRows, task: str, unit: str) -> list[list[Panel]]:
             color = COLORS[places.index(name) % len(COLORS)]
             series = [
                 Series(
-                    [gaps(row) for row in variants.get(variant, [])],
+                    [curve for curve in map(gaps, variants.get(variant, [])) if len(curve[0])],
                     variant if variant == control else None, shade,
                     interval=lambda values: distance_interval([values]),
                 )
                 for variant, shade in ((control, GREY), (name, color))
             ]  # fmt: skip
-            stages = [curve_of(study, row, "stage", 1.0, unit) for row in variants[name]]
+            stages = [curve_of(study, row, "stage", 1.0, how.unit) for row in variants[name]]
             curves = [curve for curve in stages if len(curve[0])]
             settled = [(times, settled_at(values)) for times, values in curves]
             marks = [(times[place - 1], color) for times, place in settled if place > 0]
             labels = ("", "") if upper else ("gap to the optimum (%)", "trained on")
-            upper.append(Panel(series, labels[0], name, "gap", marks=marks))
+            missing = "" if any(each.curves for each in series) else ELSEWHERE
+            scale = how.y or "gap"
+            upper.append(Panel(series, labels[0], name, scale, marks=marks, note=missing))
             lines = [Series([curve], None, color, width=1.0) for curve in curves]
             why = "the task itself" if name == control else "levels instead of stages"
             note = "" if lines else why

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -133,11 +134,11 @@ def title_of(library: str | None) -> str:
     return known.title if known else str(library or "none")
 
 
-def libraries_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+def libraries_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Content:
     """The report of a comparison of libraries."""
     rows = library_rows(study)
     first = ResultTable(first_to_gaps(study, rows), first_columns())
-    figures.draw_curves(folder / "curves.png", study, POLICY_GAPS, unit, log=True)
+    figures.draw_curves(folder / "curves.png", study, POLICY_GAPS, replace(how, log=True))
     paragraphs = [*library_notes(study), "## First to each gap", first.markdown()]
     paragraphs.append(note("contestants.first"))
     return ResultTable(rows, library_columns()), paragraphs, ["curves.png"]

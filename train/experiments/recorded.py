@@ -15,6 +15,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from pursuit.validation import check
+from train.experiments.shards import row_files
 from train.files import LOCK, write_csv
 from train.reports.tables import Row
 from train.runs.folder import RESULTS_FORMAT
@@ -33,20 +34,59 @@ REMEDY = "correct it, or remove the row so that the run is repeated"
 
 
 def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, Row]:
-    """The rows by the name of the run, with numbers, booleans and None for empty cells; nothing if
-    there is no such file.
+    """The rows by the name of the run, with numbers, booleans and None for empty cells, of a file
+    and those of shards beside it; nothing if there are none.
+
+    Of a run that is in several files the row counts that says complete.
 
     Args:
         path: of the file.
         planned: the settings of the runs of a study, which the rows of these runs must have.
 
     Raises:
-        ValueError: no rows of runs, a run twice, text or an infinite number where a result is a
-            number, or other settings than those of the study; with the line and the column.
+        ValueError: no rows of runs, a run twice in a file, text or an infinite number where a
+            result is a number, or other settings than those of the study; with the line and the
+            column.
     """
-    if path is None or not path.exists():
-        return {}
-    rows, lines = list[dict[str, str]](), [1]
+    return {} if path is None else read_files(row_files(path), planned)
+
+
+def read_files(files: Iterable[Path], planned: Cells | None = None) -> dict[str, Row]:
+    """The rows of these files together, as `read_recorded`."""
+    placed = [each for path in files for each in cells_in(path)]
+    rows = [cells for _, cells in placed]
+    names = [*rows[0]] if len({*map(tuple, rows)}) == 1 else columns_of(rows)
+    chosen = dict[str, int]()
+    results = names[names.index("seed") + 1 :]
+    numbers = [name for name in results if holds_numbers(name, rows)]
+    for place, (where, cells) in enumerate(placed):
+        run = cells["run"]
+        if run not in chosen or rows[chosen[run]]["status"] != "complete":
+            chosen[run] = place
+        for name in numbers:
+            cell = cells.get(name, "")
+            check(
+                cell == "" or is_number(cell),
+                f"{where}, column {name}: {cell!r} is no finite number; {REMEDY}",
+            )
+        check_format(where, cells)
+        for name, value in (planned or {}).get(run, {}).items():
+            own = cells.get(name)
+            check(
+                own is not None or value is None, f"{where}: the column {name} is missing; {REMEDY}"
+            )
+            check(
+                same(own or "", value),
+                f"{where}, column {name}: {own!r}, but the study has {value!r}; {REMEDY}",
+            )
+    columns = {name: typed_column(name, [cells.get(name, "") for cells in rows]) for name in names}
+    return {run: {name: columns[name][place] for name in names} for run, place in chosen.items()}
+
+
+def cells_in(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """The rows of a file as text, each with its place for messages; ValueError as `read_recorded`
+    if they are no rows of runs, or of one run twice."""
+    rows, lines = dict[str, tuple[str, dict[str, str]]](), [1]
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file, strict=True)
@@ -59,36 +99,16 @@ def read_recorded(path: Path | None, planned: Cells | None = None) -> dict[str, 
                     "run is repeated, or give a file written by --rows",
                 )
                 nul = [name for name, cell in cells.items() if "\0" in cell]
-                where = f"{path}, line {lines[-1]}, column {', '.join(nul)}"
-                check(not nul, f"{where}: a NUL byte; {REMEDY}")
-                rows.append(cells)
+                where, run = f"{path}, line {lines[-1]}", cells["run"]
+                check(not nul, f"{where}, column {', '.join(nul)}: a NUL byte; {REMEDY}")
+                check(
+                    run not in rows, f"{where}: a second row of the run {run}; remove one of them"
+                )
+                rows[run] = (where, cells)
     except (UnicodeDecodeError, csv.Error) as error:
         where = f"{path}, after line {lines[-1]}"
         raise ValueError(f"{where}: no CSV file ({error}); give one written by --rows") from None
-    names, known = list(rows[0]) if rows else [], dict[str, Row]()
-    results = names[names.index("seed") + 1 :] if rows else []
-    numbers = [name for name in results if holds_numbers(name, rows)]
-    columns = {name: typed_column(name, [cells[name] for cells in rows]) for name in names}
-    for place, (cells, line) in enumerate(zip(rows, lines[1:], strict=True)):
-        where, run = f"{path}, line {line}", cells["run"]
-        check(run not in known, f"{where}: a second row of the run {run}; remove one of them")
-        for name in numbers:
-            check(
-                cells[name] == "" or is_number(cells[name]),
-                f"{where}, column {name}: {cells[name]!r} is no finite number; {REMEDY}",
-            )
-        check_format(where, cells)
-        for name, value in (planned or {}).get(run, {}).items():
-            own = cells.get(name)
-            check(
-                own is not None or value is None, f"{where}: the column {name} is missing; {REMEDY}"
-            )
-            check(
-                same(own or "", value),
-                f"{where}, column {name}: {own!r}, but the study has {value!r}; {REMEDY}",
-            )
-        known[run] = {name: columns[name][place] for name in names}
-    return known
+    return list(rows.values())
 
 
 def check_format(where: str, cells: dict[str, str]) -> None:
@@ -114,7 +134,7 @@ def holds_numbers(name: str, rows: list[dict[str, str]]) -> bool:
     """Whether a column of results holds numbers: the measure does, and each with a number in it."""
     if name in TEXTS | WORDS or name.endswith("_version"):
         return False
-    cells = [row[name] for row in rows]
+    cells = [row.get(name, "") for row in rows]
     measured = name in {row.get("objective") for row in rows}
     return measured or any(is_number(cell) or is_infinite(cell) for cell in cells)
 
@@ -164,9 +184,14 @@ def record(path: Path, row: Row) -> None:
     """Add the row of a run, or replace the one that is there, atomically; several processes may."""
     path.parent.mkdir(parents=True, exist_ok=True)
     row = {n: None if isinstance(v, float) and math.isinf(v) else v for n, v in row.items()}
-    with FileLock(path.with_name(f".{path.name}{LOCK}")):
-        rows = {**read_recorded(path), str(row["run"]): row}
+    with lock_of(path):
+        rows = {**read_files([path] if path.exists() else ()), str(row["run"]): row}
         write_csv(path, list(rows.values()), columns_of(rows.values()))
+
+
+def lock_of(path: Path) -> FileLock:
+    """The lock of a file of rows while it is written."""
+    return FileLock(path.with_name(f".{path.name}{LOCK}"))
 
 
 def columns_of(rows: Iterable[Row]) -> list[str]:

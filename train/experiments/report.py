@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from pursuit.validation import check
 from train.experiments import figures
@@ -15,13 +17,12 @@ from train.experiments.study import LIBRARIES, PAIRED, SUMMARY, VARIANTS
 from train.experiments.summary import summary_content
 from train.experiments.tuning import last_trials
 from train.experiments.variants import distance_of, paired_content, variants_content
-from train.files import begins_with, only_one, write_csv
+from train.files import only_one, write_csv
 from train.reports.pages import write_markdown
 from train.reports.tables import Row, in_markdown, plain_table, short
 
-Analyse = Callable[[StudyRows, Path, str, bool], Content]
-"""Makes the content of a report of the rows of a study, and draws its figures: into a folder, with
-a unit of training time, on a logarithmic axis or not."""
+Analyse = Callable[[StudyRows, Path, figures.Drawing], Content]
+"""Makes the content of a report of the rows of a study, and draws its figures into a folder."""
 ANALYSES: dict[str, Analyse] = {
     SUMMARY: summary_content,
     VARIANTS: variants_content,
@@ -29,16 +30,15 @@ ANALYSES: dict[str, Analyse] = {
     LIBRARIES: libraries_content,
 }
 SEVERAL = "Runs of "
-"""Start of the titles of reports on several folders."""
+"""Start of the usual titles of reports on several folders; else of their first paragraph."""
 
 
-def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
+def report_on(out: Path, **drawing: Any) -> Path:
     """Write the tables and figures of a study.
 
     Args:
         out: the folder of the study.
-        unit: of training time in figures: frames or seconds; that of the budget if None.
-        log: whether the axis of training time is logarithmic.
+        **drawing: see `Drawing`; the unit is that of the budget if it is not given.
 
     Returns:
         The folder of the report: `report.md`, `report.html`, `table.csv`, `runs.csv` (a row per
@@ -47,38 +47,43 @@ def report_on(out: Path, unit: str | None = None, log: bool = False) -> Path:
     Raises:
         ValueError: no study in `out`, or none of its runs has results.
     """
-    return write_study(read_study(out), out / "report", unit, log, last_trials(out))
+    return write_study(read_study(out), out / "report", drawing, last_trials(out))
 
 
 def report_several(
-    folders: Sequence[Path], out: Path, unit: str | None = None, log: bool = False
+    folders: Sequence[Path], out: Path, names: Sequence[str] = (), **drawing: Any
 ) -> Path:
     """Write one report of several runs and studies.
 
     Args:
         folders: of the runs and studies.
         out: the folder of the report.
-        unit, log: as in `report_on`.
+        names: of the folders in tables and figures; by default the shortest unique ones.
+        **drawing: as in `report_on`.
 
     Raises:
         ValueError: a folder contains no complete run, or runs have different measures.
     """
-    study = read_several(folders)
+    study = read_several(folders, names)
     study.layout.title = SEVERAL + study.layout.title
-    return write_study(study, out, unit, log)
+    return write_study(study, out, drawing)
 
 
 def is_of_several(folder: Path) -> bool:
     """Whether `report_several` wrote this folder."""
-    return begins_with(folder / "report.md", f"# {SEVERAL}")
+    path = folder / "report.md"
+    found = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    return re.match(rf"(# .*\n\n|# ){SEVERAL}", found) is not None
 
 
 def write_study(
-    study: StudyRows, folder: Path, unit: str | None, log: bool, trials: Sequence[Row] = ()
+    study: StudyRows, folder: Path, drawing: Mapping[str, Any], trials: Sequence[Row] = ()
 ) -> Path:
     """Write the report of a study into a folder."""
     with only_one(folder, "report"):
-        unit = unit or figures.unit_of(study)
+        how = figures.Drawing(**{"unit": figures.unit_of(study), **drawing})
+        usual, study.layout.title = study.layout.title, how.title or study.layout.title
+        about = f"{usual}." if how.title and usual.startswith(SEVERAL) else ""
         layout, row = study.layout, study.rows[0]
         games = any(each.get("game") is not None for each in study.rows)
         fitting = fitting_analyses(layout.control, row["kind"], games, study.x)
@@ -89,8 +94,8 @@ def write_study(
             analysis in fitting,
             f"analysis={analysis!r} of {layout.title!r}; such runs need {' or '.join(fitting)}",
         )
-        table, paragraphs, pictures = ANALYSES[analysis](study, folder, unit, log)
-        parts = [table.markdown(), ran_on(study.rows), *paragraphs]
+        table, paragraphs, pictures = ANALYSES[analysis](study, folder, how)
+        parts = [in_markdown(about), table.markdown(), ran_on(study.rows), *paragraphs]
         if trials:
             parts += settings_parts(trials)
             write_csv(folder / "trials.csv", [row for row in trials])

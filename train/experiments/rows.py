@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pursuit.validation import check
 from train.experiments.recorded import FIRST, MEASURED, read_recorded, varied_settings
 from train.experiments.runs import ERROR, FORMAT, LAYOUT, read_label, read_layout, status_of
+from train.experiments.shards import row_files
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout, Table
 from train.files import write_bytes, write_csv
@@ -134,12 +135,15 @@ def read_all(out: Path) -> StudyRows:
     here, known = {folder.name for folder in folders}, list[Row]()
     if layout.rows is not None and layout.runs is not None:
         path = out.resolve() / layout.rows
-        path = path if path.exists() else Path(layout.rows)  # so before version 0.2.0
+        path = path if row_files(path) else Path(layout.rows)  # so before version 0.2.0
         check(
-            path.exists() or here >= set(layout.runs),
+            bool(row_files(path)) or here >= set(layout.runs),
             f"{out}: the file with its finished runs, {out / layout.rows}, is missing; put it back",
         )
         of_file = read_recorded(path, layout.planned)
+        elsewhere = {name for name, row in of_file.items() if row["status"] == "complete"}
+        folders = [f for f in folders if f.name not in elsewhere or status_of(f) == "complete"]
+        here = {folder.name for folder in folders}
         known = [of_file[n] for n in layout.runs if n in of_file and n not in here]
     check(
         bool(folders or known),
@@ -195,13 +199,15 @@ def in_words(name: str, value: object) -> str:
     return f"{name} {value:g}" if isinstance(value, int | float) else str(value)
 
 
-def read_several(folders: Sequence[Path]) -> StudyRows:
-    """Runs, sweeps and ablations as one study, with a group per run and per setting of a sweep.
+def read_several(folders: Sequence[Path], chosen: Sequence[str] = ()) -> StudyRows:
+    """Runs, sweeps and ablations as one study, with a group per run and per setting of a sweep;
+    `chosen` are names of the folders.
 
     Raises:
-        ValueError: a folder without results, or runs with different objectives.
+        ValueError: a folder without results, runs with different objectives, or names as those of
+            `entry_names`.
     """
-    names = entry_names([str(folder) for folder in folders], lambda entry: False)
+    names = entry_names([str(folder) for folder in folders], lambda entry: False, chosen)
     whole = StudyRows(Layout(", ".join(names)), varying=["_group"])
     for name, folder in zip(names, folders, strict=True):
         single = (folder / CONFIG).exists()

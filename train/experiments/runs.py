@@ -20,8 +20,9 @@ from pursuit.validation import check
 from train.experiments import library_runs  # noqa: F401 (adds its kind of run)
 from train.experiments.identity import INPUTS, Input, copied_input, fingerprint, with_policies
 from train.experiments.recorded import MEASURED, Cells, complete_in
+from train.experiments.shards import Shard
 from train.experiments.study import Layout, Table
-from train.files import LOCK, read_json, write_json
+from train.files import LOCK, PART, read_json, write_json
 from train.kinds import read_settings, write_config
 from train.runs.folder import CHECKPOINT, CONFIG, is_complete
 from train.runs.forms import Final
@@ -69,6 +70,12 @@ class TrainingRun:
         return int(self.settings.seed)
 
     @property
+    def cost(self) -> float:
+        """Its budget in seconds, or in 100,000 frames, which take about as long."""
+        seconds, frames = self.settings.seconds, self.settings.frames
+        return float(frames / 1e5 if seconds is None else seconds)
+
+    @property
     def cells(self) -> Table:
         """What the row of the run says of its game, budget and seed; its name has a fingerprint of
         all settings."""
@@ -112,12 +119,22 @@ class Study:
         runs: in order of execution.
         pinned: whether every process is pinned to one core, for runs whose speed is compared.
         rows: the file with the rows of finished runs; None for none. See `recorded`.
+        shard: the part of the runs that this process executes; None for all. It needs `rows`.
     """
 
     layout: Layout
     runs: tuple[TrainingRun, ...]
     pinned: bool = False
     rows: Path | None = None
+    shard: Shard | None = None
+
+    @property
+    def own(self) -> tuple[TrainingRun, ...]:
+        """The runs that this process executes."""
+        if self.shard is None:
+            return self.runs
+        chosen = self.shard.chosen({run.name: run.cost for run in self.runs})
+        return tuple(run for run in self.runs if run.name in chosen)
 
     @property
     def planned(self) -> Cells:
@@ -138,18 +155,18 @@ def folder_of(study_folder: Path, name: str) -> Path:
 
 
 def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
-    """Create the folders of all runs with their files, and check existing ones.
+    """Create the folders of the study's own runs with their files, and check existing ones.
 
     Returns:
-        Every run with its folder, but those that are complete by the rows of the study.
+        Every such run with its folder, but those that are complete by the rows of the study.
 
     Raises:
         ValueError: `out` is not a study, or has runs of other settings or of another version.
     """
     out = Path(out)
     check(not out.is_file(), f"{out}: a file; give a folder")
-    there = {path.name for path in out.iterdir()} if out.is_dir() else set[str]()
-    if there - {LOCK, INPUTS, TUNING} and not there & {"runs", LAYOUT}:
+    there = others_in(out) if out.is_dir() else set[str]()
+    if there and not there & {"runs", LAYOUT}:
         raise ValueError(f"{out}: not empty, and not a sweep; give a new folder")
     found = FORMAT
     with contextlib.suppress(ValueError):  # a damaged `sweep.json` is written again
@@ -167,7 +184,7 @@ def prepare(study: Study, out: Path | str) -> list[tuple[TrainingRun, Path]]:
     if study.rows is not None:
         layout.rows, layout.planned = os.path.relpath(study.rows.resolve(), out.resolve()), planned
     write_json(out / LAYOUT, msgspec.to_builtins(layout))
-    folders = [(run, folder_of(out, run.name)) for run in study.runs if run.name not in done]
+    folders = [(run, folder_of(out, run.name)) for run in study.own if run.name not in done]
     for run, folder in folders:
         run.write(folder, out)
     return folders
@@ -177,9 +194,16 @@ def is_folder_of(study: Study, out: Path) -> bool:
     """Whether `out` is the folder of this study, or of one with the same title."""
     if not (out / LAYOUT).exists():  # interrupted before the first run, or removed by its user
         own = any(folder_of(out, run.name).is_dir() for run in study.runs)
-        return own or {path.name for path in out.iterdir()} <= {LOCK, INPUTS, TUNING}
+        return own or not others_in(out)
     layout = read_layout(out)
     return (layout.title, layout.control) == (study.layout.title, study.layout.control)
+
+
+def others_in(out: Path) -> set[str]:
+    """The names in a folder, but those of what a study writes before `sweep.json`, and of files
+    that another shard is writing."""
+    known = (LOCK, INPUTS, TUNING)
+    return {p.name for p in out.iterdir() if p.name not in known and not PART.match(p.name)}
 
 
 def read_layout(out: Path) -> Layout:
@@ -206,9 +230,9 @@ def status_of(folder: Path) -> str:
 
 
 def statuses_of(study: Study, out: Path) -> dict[str, str]:
-    """The status of every run by name."""
+    """The status of every run that this process executes, by name."""
     done = complete_in(study.rows, study.planned)
     return {
         run.name: "complete" if run.name in done else status_of(folder_of(out, run.name))
-        for run in study.runs
+        for run in study.own
     }

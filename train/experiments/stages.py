@@ -6,6 +6,7 @@ several studies after a common search.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -14,8 +15,10 @@ from pathlib import Path
 
 from pursuit.validation import check
 from train.experiments.expansion import StudyChange, check_kind, load_study
+from train.experiments.recorded import lock_of, read_recorded
 from train.experiments.report import report_on
 from train.experiments.runs import TUNING, Study
+from train.experiments.shards import Shard
 from train.experiments.study import StudyFile, choose_version, content_of, read_file
 from train.experiments.tuning import TuningSearch, tuning_search_of
 
@@ -43,6 +46,10 @@ class Stage:
     folder: Path
     search: TuningSearch | None = None
     reported: bool = True
+
+    def in_shard(self, shard: Shard) -> Stage:
+        """The part of this stage that is the shard's."""
+        return replace(self, expand=lambda: replace(self.expand(), shard=shard))
 
 
 def stages_of(
@@ -96,14 +103,18 @@ def stages_of_search(search: TuningSearch, first: Study) -> list[Stage]:
 
 
 def carry_out(
-    stages: Iterable[Stage], execute: Execute, tell: Callable[[str], None]
+    stages: Iterable[Stage], execute: Execute, tell: Callable[[str], None], merge: str = ""
 ) -> list[tuple[Path, Statuses]]:
     """Execute all stages, and write the reports of their studies.
+
+    A shard goes on to the next stage, or to the report, if there are rows of all runs; so the last
+    one writes the report.
 
     Args:
         stages: in order.
         execute: see `Execute`.
-        tell: called with a line before each stage.
+        tell: called with a line before each stage, and if a shard has to wait for others.
+        merge: the command that makes the report of all shards.
 
     Returns:
         The folder of each executed stage with the status of every run.
@@ -121,9 +132,19 @@ def carry_out(
             )
             continue
         study = stage.expand()
-        tell(f"{study.layout.title}: {len(study.runs)} runs into {stage.folder}")
+        part = ":" if study.shard is None else f", shard {study.shard}: {len(study.own)} of"
+        tell(f"{study.layout.title}{part} {len(study.runs)} runs into {stage.folder}")
         statuses = execute(study, stage.folder)
         done.append((stage.folder, statuses))
-        if stage.reported and "complete" in statuses.values():
-            report_on(stage.folder)
+        with contextlib.ExitStack() as waiting:
+            if study.rows is not None:
+                waiting.enter_context(lock_of(study.rows))  # one shard at a time
+                rows = read_recorded(study.rows, study.planned)
+                statuses = {name: str(rows[name]["status"]) for name in study.planned.keys() & rows}
+            if missing := len(study.runs) - len(statuses):
+                then = f"make the report by: {merge}" if stage.reported else "start all again"
+                tell(f"{missing} runs are missing; when the other shards have ended, {then}")
+                break
+            if stage.reported and "complete" in statuses.values():
+                report_on(stage.folder)
     return done

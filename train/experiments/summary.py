@@ -109,13 +109,13 @@ def sweep_notes(rows: list[Row]) -> list[str]:
     return lines
 
 
-def summary_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+def summary_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Content:
     """The report of a sweep, and of several folders."""
     names, measure = ["learning_curves.png"], measure_of_rows(study.rows)
     table = sweep_table(study.rows, study.x)
     if study.x and len({row["_x"] for row in study.rows}) > 1:
         panels = {measure.title: (measure.scale, measure.name, "each_run")}
-        figures.draw_final(folder / "final.png", study, table.rows, study.x, panels)
+        figures.draw_final(folder / "final.png", study, table.rows, study.x, panels, how)
         names.insert(0, "final.png")
-    figures.draw_curves(folder / "learning_curves.png", study, [measure], unit, log)
+    figures.draw_curves(folder / "learning_curves.png", study, [measure], how)
     return table, sweep_notes(study.rows), names

@@ -411,24 +411,24 @@ def paired_notes(study: StudyRows, table: Sequence[Row], distance: Distance) -> 
     return [budget_note(study), note(f"paired.{units}", **named), values, *hardest]
 
 
-def variants_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+def variants_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Content:
     """The report of an ablation of single agents, with the runs as units."""
     rows = against_control(study)
     panels = {
         "final gap to the optimum (%)": ("gap", "gap", "each_run"),
         f"P(better than {study.layout.control})": ("share", "improvement", ""),
     }
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
-    names = ["final.png", *figures.draw_stages(folder, study, unit, log)]
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how)
+    names = ["final.png", *figures.draw_stages(folder, study, how)]
     return ResultTable(rows, variant_columns(study.layout)), variant_notes(study), names
 
 
-def paired_content(study: StudyRows, folder: Path, unit: str, log: bool) -> Content:
+def paired_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Content:
     """The report of an ablation by maze or game, without curves over training time."""
     rows, distance = against_control(study), distance_of(study)
     assert distance is not None
     panels = {f"{distance.name} ({distance.scale})": ("log", "distance", "each_run")}
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels)
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how)
     table = ResultTable(rows, paired_columns(study.layout, distance))
     return table, paired_notes(study, rows, distance), ["final.png"]
 

@@ -121,6 +121,7 @@ def draw_panels(
     beside: bool = False,
     log: bool = False,
     note: str = "",
+    also: str = "svg",
 ) -> None:
     """Curves over training time.
 
@@ -132,6 +133,7 @@ def draw_panels(
         beside: draw one legend next to all panels instead of one next to each.
         log: whether the axis of training time is logarithmic.
         note: text below the figure: what its lines are.
+        also: as of `save`.
     """
     lines, columns = len(grid), max(map(len, grid))
     heights = [line[0].height for line in grid]
@@ -158,7 +160,7 @@ def draw_panels(
     figure.supxlabel(fill(note, int(CHARACTERS * width)), fontsize=8)
     if beside:
         legend_beside(figure, axes.flat)
-    save(figure, path, also_svg=True)
+    save(figure, path, also)
 
 
 def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> None:

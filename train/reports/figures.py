@@ -22,8 +22,8 @@ if TYPE_CHECKING:  # slow to import
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-FORMATS = ("png", "svg")
-""".png is what pages show; .svg holds lines and letters, as journals ask for."""
+FORMATS = ("png", "svg", "pdf")
+""".png is what pages show; .svg and .pdf hold lines and letters, as journals ask for."""
 
 UNITS = ("frames", "seconds")
 """Units of training time."""
@@ -145,8 +145,8 @@ def time_scale(unit: str) -> float:
     return 1e-6 if unit == "frames" else 1.0
 
 
-def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> None:
-    """Write a figure atomically, in the format of its suffix and as .svg, and close it.
+def save(figure: Figure, path: Path, also: str | None = None, dpi: int = 130) -> None:
+    """Write a figure atomically, in the format of its suffix and that of `also`, and close it.
 
     Equal figures give equal bytes: files contain no date, and .svg contains text as text. Names
     are drawn as they are: a dollar sign begins no formula.
@@ -156,19 +156,24 @@ def save(figure: Figure, path: Path, also_svg: bool = False, dpi: int = 130) -> 
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.text import Text
 
-    one_of("format of a figure", path.suffix.lstrip("."), FORMATS)
+    own = path.suffix.lstrip(".")
+    one_of("format of a figure", own, FORMATS)
     figure.set_dpi(dpi)
     for text in figure.findobj(Text):
         text.set_parse_math(False)
     settings = {"svg.fonttype": "none", "svg.hashsalt": "pursuit", "text.parse_math": False}
-    for form in dict.fromkeys([path.suffix.lstrip("."), *["svg"] * also_svg]):
+    settings["pdf.fonttype"] = 42  # whole fonts, as journals ask for
+    for form in dict.fromkeys((own, also or own)):
         # `Figure.savefig` draws twice: first only to find the layout.
         write: Any = FigureCanvasAgg(figure).print_png
         if form == "svg":
             write = partial(FigureCanvasSVG(figure).print_svg, metadata={"Date": None})
+        elif form == "pdf":
+            write = partial(FigureCanvasPdf(figure).print_pdf, metadata={"CreationDate": None})
         with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
         figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
@@ -203,6 +208,7 @@ def draw_intervals(
     panels: Mapping[str, tuple[str, Sequence[PlottedEstimate]]],
     title: str,
     ylabel: str = "",
+    also: str = "svg",
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 
@@ -212,6 +218,7 @@ def draw_intervals(
             and the values.
         title: of the figure.
         ylabel: label of the lines.
+        also: as of `save`.
     """
     everything = [each for _, estimates in panels.values() for each in estimates]
     lines = list(dict.fromkeys(each.line for each in everything))
@@ -244,7 +251,7 @@ def draw_intervals(
     if len(groups) > 1:
         legend_beside(figure, axes[0, :1])
     figure.suptitle(title, fontsize=11)
-    save(figure, path, also_svg=True)
+    save(figure, path, also)
 
 
 # -- matrices --------------------------------------------------------------------------------------
@@ -276,7 +283,7 @@ def draw_matrix(
     image = axis.imshow(values, cmap="viridis", aspect="auto", norm=norm)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if image.norm(value) < 0.6 else "black"
-        axis.text(j, i, f"{value:.{digits}f}", ha="center", va="center", fontsize=9, color=color)
+        axis.text(j, i, f"{value:z.{digits}f}", ha="center", va="center", fontsize=9, color=color)
     names = [[fill(name, LABEL_WIDTH) for name in each] for _, each in (rows, columns)]
     axis.set_yticks(range(down), names[0])
     axis.set_xticks(range(across), names[1], rotation=30, ha="right")
@@ -285,7 +292,7 @@ def draw_matrix(
     ticks = round_numbers(float(values.min()), float(values.max())) if positive else None
     figure.colorbar(image, label=label, ticks=ticks, format="%g").ax.minorticks_off()
     axis.set_title(title, fontsize=11)
-    save(figure, path, also_svg=True)
+    save(figure, path, "svg")
 
 
 def round_numbers(low: float, high: float) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from train.evaluation.ratings import (
     preference_cycle,
 )
 from train.evaluation.scores import BY_OUTCOME, UNTIL_CAPTURE, Measure
-from train.evaluation.sides import Sides
+from train.evaluation.sides import PairResult, Sides
 from train.families import family_of
 from train.families.policies import NamedPolicies, loaded_policy
 from train.files import Plain
@@ -245,19 +245,27 @@ def is_model(name: str, policies: NamedPolicies) -> bool:
 
 
 def play_league(
-    game: Sides, entries: Sequence[Entry], games: int, seed: int, most: int = MAX_FINAL_WORK
+    game: Sides,
+    entries: Sequence[Entry],
+    games: int,
+    seed: int,
+    most: int = MAX_FINAL_WORK,
+    report: Callable[[float], object] = lambda share: None,
 ) -> LeagueTable:
     """Every policy of the first side against every one of the second: exact payoffs where possible,
     and sampled games.
 
-    `seed` is an evaluation seed, which training never uses; `most` as of `Sides.pair`.
+    `seed` is an evaluation seed, which training never uses; `most` as of `Sides.pair`; `report` is
+    called with the share of pairs that have played.
     """
     starts, (first, second) = evaluation_seed(seed), game.roles
     sides = [[entry for entry in entries if entry.role == role] for role in game.roles]
-    pairs = [
-        [game.pair(one.policy, two.policy, games, starts, most) for two in sides[1]]
-        for one in sides[0]
-    ]
+    pairs = list[list[PairResult]]()
+    for one in sides[0]:
+        pairs.append([])
+        for two in sides[1]:
+            pairs[-1].append(game.pair(one.policy, two.policy, games, starts, most))
+            report((len(pairs) - 1 + len(pairs[-1]) / len(sides[1])) / len(sides[0]))
     payoff, ci95 = (np.array([[pair[at] for pair in row] for row in pairs]) for at in (0, 1))
     own = None
     if pairs[0][0].first is not None:

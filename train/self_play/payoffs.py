@@ -1,15 +1,16 @@
-"""Payoff matrices as tables and a figure: steps until capture, chasers as rows."""
+"""Payoff matrices as tables, a figure and a page: steps until capture, chasers as rows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from train.evaluation.payoff_table import payoff_table
 from train.evaluation.scores import Measure
 from train.files import Plain
 from train.reports.figures import draw_matrix
-from train.reports.tables import Column, ResultTable, Row, numeric, words
+from train.reports.pages import embedded_picture, section
+from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, words
 from train.self_play.league import LeagueTable
 
 
@@ -55,12 +56,25 @@ def payoff_tables(table: LeagueTable, content: Plain) -> dict[str, ResultTable]:
     }
 
 
-def draw_league(path: Path, table: LeagueTable, title: str) -> None:
+def draw_league(path: Path, table: LeagueTable, title: str) -> list[Path]:
     """The payoff matrix as a heat map; in a general-sum game also that of the first role, in a
-    second file."""
+    second file. Returns the paths."""
     names = [*zip(table.roles, (table.chasers, table.evaders), strict=True)]
     draw_matrix(path, table.shown, names[0], names[1], table.measure.unit, title)
-    if table.first is not None:
-        role = table.roles[0]
-        path = path.with_stem(f"{path.stem}_{role}")
-        draw_matrix(path, table.first, names[0], names[1], f"return of {role}", title)
+    if table.first is None:
+        return [path]
+    role = table.roles[0]
+    other = path.with_stem(f"{path.stem}_{role}")
+    draw_matrix(other, table.first, names[0], names[1], f"return of {role}", title)
+    return [other, path]
+
+
+def page_parts(
+    figures: Sequence[Path], tables: Mapping[str, ResultTable], notes: Sequence[str]
+) -> list[str]:
+    """What the page of a league shows: figures, tables by the names of their files, sentences."""
+    parts: list[str] = [embedded_picture(path, path.stem) for path in figures]
+    for name, table in tables.items():
+        head = name.replace("table", "payoffs").replace("_", " ").title()
+        parts += section(head, table.markdown())
+    return parts + section("Notes", "\n".join(f"- {in_markdown(note)}" for note in notes))

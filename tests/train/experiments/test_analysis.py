@@ -74,7 +74,7 @@ def test_a_wrong_analysis_is_refused_in_one_line(
 
     assert "has no function tables; define tables(data)" in refused("")
     assert "cannot be imported (ZeroDivisionError: division by zero)" in refused("1 / 0")
-    assert "--x and --log do not apply" in refused(CODE, "--log")
+    assert "log=True has no effect: analysis.py makes tables and figures" in refused(CODE, "--log")
     for wrong in ("3", "{'a': 3}"):
         code = f"def tables(data):\n    return {wrong}"
         assert f"tables returned {wrong}; return Markdown" in refused(code)

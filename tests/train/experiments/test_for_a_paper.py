@@ -147,8 +147,9 @@ def test_figures_are_the_same_bytes_in_every_format(tmp_path: Path) -> None:
         figure, axis = pyplot().subplots()
         axis.plot([1, 2], [3, 4], label="curve")
         axis.legend()
-        save(figure, tmp_path / folder / "f.png", also_svg=True)
-    for name in ("f.png", "f.svg"):
+        save(figure, tmp_path / folder / "f.png", "svg")
+        save(figure, tmp_path / folder / "g.pdf")
+    for name in ("f.png", "f.svg", "g.pdf"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     assert ">curve</text>" in (tmp_path / "a" / "f.svg").read_text()
     assert Image.open(tmp_path / "a" / "f.png").size[0] > 500

@@ -96,7 +96,7 @@ def test_an_analysis_that_does_not_fit_is_refused(
     row = {"kind": "single", "budget_frames": 9}
     rows = StudyRows(Layout("t", analysis=analysis, control=control), [row], [row])
     with pytest.raises(ValueError, match=f"analysis='{analysis}' of 't'; such runs need {need}"):
-        write_study(rows, tmp_path, None, False)
+        write_study(rows, tmp_path, {})
 
 
 def test_a_plan_of_a_later_version_is_not_read(tmp_path: Path) -> None:

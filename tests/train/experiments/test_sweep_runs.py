@@ -167,7 +167,7 @@ def test_a_killed_sweep_leaves_no_process_and_the_next_one_waits_for_its_runs(
     with pytest.raises(SystemExit) as ended:
         main(["sweep", str(tmp_path / "s.toml"), "--out", str(out), "--workers", "1"])
     said = capsys.readouterr()
-    assert ended.value.code == 130 and "1 running" in said.out
+    assert ended.value.code == 130 and "kept: 1 interrupted" in said.err
     assert "Continue with: pursuit sweep" in said.err
     assert status_of(folder) == "interrupted" and open_run(folder).trainee.frames >= before
 

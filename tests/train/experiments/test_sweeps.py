@@ -10,9 +10,12 @@ import sys
 import time
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pandas
 import pytest
+from command_errors import error_of
 from executed_here import executed_here
 
 from train.commands.main import main
@@ -222,14 +225,37 @@ def test_a_killed_run_is_recorded_and_the_others_continue(
     assert "1 complete, 1 failed" in printed.out
 
 
-def test_the_time_left_follows_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    watch = SweepWatch()
-    monkeypatch.setattr(time, "monotonic", lambda: watch.began + 30.0)
-    statuses = {"a": "complete", "b": "running", "c": "new", "d": "new"}
-    assert watch.seconds_left(statuses, {"b": 0.5}) == pytest.approx(30.0 / 1.5 * 2.5)
-    watch.done_before = {"a"}  # before it began
-    assert watch.seconds_left(statuses, {"b": 0.5}) == pytest.approx(30.0 / 0.5 * 2.5)
-    assert watch.seconds_left(statuses, {"b": 0.0}) is None
+@pytest.mark.parametrize("later", [0.0, 40.0])
+def test_the_time_left_follows_the_budgets_and_what_runs_took(
+    later: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Budgets of 10, 20, 10 and 30 seconds, two at once; "d" goes on from its middle."""
+    now = 0.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    budgets = {"a": 10.0, "b": 20.0, "c": 10.0, "d": 30.0}
+    runs: list[Any] = [
+        SimpleNamespace(name=name, cost=cost, settings=SimpleNamespace(seconds=cost))
+        for name, cost in budgets.items()
+    ]
+    watch, names = SweepWatch("Study", runs, later), list(budgets)
+    frames = SweepWatch("Study", runs, later)
+    frames.in_seconds = False
+    statuses = dict(zip(names, ("running", "running", "new", "interrupted"), strict=True))
+    begun = {"a": 0.0, "b": 0.0}
+    assert watch.seconds_left(statuses, begun) == pytest.approx((70.0 + later) / 2)
+    assert frames.seconds_left(statuses, begun) is None
+    now = 20.0  # half of "a" took four times as long as its budget
+    assert watch.seconds_left(statuses, begun | {"a": 0.5}) == pytest.approx(2 * (65.0 + later))
+    now = 25.0  # nothing new is known
+    assert watch.seconds_left(statuses, begun | {"a": 0.5}) == pytest.approx(2 * (65.0 + later))
+    now = 30.0
+    statuses |= {"a": "complete", "d": "running"}
+    left = watch.seconds_left(statuses, {"b": 0.0, "d": 0.5})
+    assert left == pytest.approx(3 * (45.0 + later) / 2)
+    now = 40.0
+    statuses |= {"b": "failed", "c": "running"}  # its time tells nothing
+    left = watch.seconds_left(statuses, {"c": 0.0, "d": 1.0})
+    assert left == pytest.approx((10.0 + later) / 2 * 40.0 / 25.0)
 
 
 # -- reports ---------------------------------------------------------------------------------------
@@ -319,3 +345,31 @@ def report_of(folder: Path, text: str) -> str:
     with executed_here():
         main(["sweep", write(folder / "file.toml", text), "--out", str(folder / "out")])
     return (folder / "out" / "report" / "report.md").read_text()
+
+
+def test_a_report_has_a_title_names_and_figures_as_one_asks(
+    swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(swept, tmp_path / "one")
+    shutil.copytree(swept, tmp_path / "two")
+    folders, out = [str(tmp_path / "one"), str(tmp_path / "two")], tmp_path / "both"
+    report = ["report", *folders, "--out", str(out)]
+    asked = ["--title", "Both", "--names", "first", "second", "--y", "log", "--format", "pdf"]
+    for options in (asked, [], asked):  # the folder stays that of the command
+        main([*report, *options])
+    text = (out / "report.md").read_text()
+    assert text.startswith("# Both\n\nRuns of first, second.\n\n") and "| first: " in text
+    assert (out / "learning_curves.pdf").read_bytes().startswith(b"%PDF")
+    drawn = (out / "learning_curves.svg").read_text()  # of the second one
+    assert "below the axis" not in drawn and "Runs of one, two" in drawn
+    main(["report", folders[0], "--y", "log", "--title", "A new one", "--format", "png"])
+    assert (tmp_path / "one" / "report" / "report.md").read_text().startswith("# A new one\n\n|")
+    capsys.readouterr()
+    for options, message in (
+        (["--names", "first"], "1 names for 2 entries"),
+        (["--y", "cubic"], "unknown y 'cubic'; one of linear, log"),
+        (["--format", "gif"], "unknown format 'gif'; one of svg, pdf, png"),
+    ):
+        assert message in error_of(capsys, *report, *options)
+    told = error_of(capsys, "report", folders[0], "--names", "first")
+    assert "names=('first',) has no effect: a study has the names of its file" in told

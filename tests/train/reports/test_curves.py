@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from train.commands.main import main
-from train.experiments.figures import draw_stages
+from train.experiments.figures import Drawing, draw_stages
 from train.experiments.rows import StudyRows
 from train.experiments.study import Layout
 from train.reports import curves
@@ -97,7 +97,7 @@ def test_the_figure_of_variants_says_what_its_lines_are(tmp_path: Path) -> None:
                 {"frames": 1e5 * n, "optimality_gap": 1.0 / n, "stage": n // 4}
                 for n in range(1, 10)
             ]
-    assert draw_stages(tmp_path, study, "frames", log=False) == ["variants.png"]
+    assert draw_stages(tmp_path, study, Drawing()) == ["variants.png"]
     texts = " ".join(re.findall(r">([^<>]+)</t", (tmp_path / "variants.svg").read_text()))
     for what in ("Thick: mean", "thin: single runs", "Grey: the control", "optimum", "last stage"):
         assert what in texts

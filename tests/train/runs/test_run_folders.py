@@ -412,8 +412,26 @@ def test_a_progress_line_ends_where_the_next_work_begins(
         for what, share in (("long", 0.1), ("long", 0.5), ("b", np.nan), ("b", np.nan), ("c", 0)):
             tell(what, share)
         tell("c", 0.25)
-    lines = capsys.readouterr().err.replace("\x1b[K", "").split("\n")
-    assert lines == ["\rlong:  50 %, 3 s", "\rb: 3 s", "\rc:  25 %, 3 s", ""]
+    said = capsys.readouterr().err
+    lines = ["long: 50 %, 3 s so far, about 3 s left", "", "b: 3 s so far", ""]
+    lines += ["c: 25 %, 3 s so far, about 9 s left", ""]
+    assert said == "".join(f"\r\x1b[K{line}" for line in lines)
+
+
+def test_progress_is_a_line_a_minute_without_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = iter(range(0, 100_000, 10))
+    monkeypatch.setattr(progress, "perf_counter", lambda: next(now))
+    with contextlib.closing(progress.ProgressLine()) as tell:
+        for step in range(1, 601):
+            tell("a study with a title of many words " * 4, step / 600)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 99 and max(map(len, lines)) == 100
+    assert (
+        lines[0].startswith("a study with") and ": 1 %, 60 s so far, about 85 min left" in lines[0]
+    )
+    assert lines[-1].endswith(": 99 %, 99 min so far, about 50 s left"), lines[-1]
 
 
 @pytest.mark.parametrize("form", ["auto", "bag", "dense"])

@@ -87,6 +87,8 @@ def test_runs_enter_for_the_players_that_they_learned(
     assert content["game"] == TWICE and content["task"] == "game"
     names = {path.name for path in (tmp_path / "l").glob("*.csv")}
     assert names == {"table.csv", "row_policies.csv", "column_policies.csv"}
+    page = (tmp_path / "l" / "report.html").read_text(encoding="utf-8")
+    assert f"<h1>League in {TWICE}</h1>" in page and "Column Policies" in page
     for arguments, message in (
         (["one", "--game", TWICE], "no policy of row among the entries"),
         (["one"], "no policy of row among the entries"),  # the game is that of the run
