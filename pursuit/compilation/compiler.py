@@ -139,6 +139,7 @@ class Announcer(event.Listener):
     Attributes:
         spent: seconds of compilation so far, by clock.
         names: of the compiled kernels.
+        muted: whether nothing is printed.
     """
 
     def __init__(self) -> None:
@@ -146,7 +147,7 @@ class Announcer(event.Listener):
         self.spent = dict.fromkeys(CLOCKS, 0.0)
         self.began = dict(self.spent)
         self.names: set[str] = set()
-        self.collects = False
+        self.collects = self.muted = False
 
     def on_start(self, event: Any) -> None:
         """Called when Numba starts to compile (not when it loads from the cache)."""
@@ -161,7 +162,7 @@ class Announcer(event.Listener):
             return
         first = not self.names
         group = next((each for each in USUAL[1:] if function.__name__ in each), USUAL[0])
-        if first or (group is not USUAL[0] and not self.names & {*group}):
+        if not self.muted and (first or (group is not USUAL[0] and not self.names & {*group})):
             # Not all kernels of the group may be needed, and some may be on disk already.
             print(
                 "pursuit: compiling kernels (once per machine and kind of game), up to about "

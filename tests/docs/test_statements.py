@@ -293,4 +293,4 @@ def test_docstrings_name_every_task() -> None:
 def test_every_learner_has_a_row_of_its_speed() -> None:
     page = (Path(__file__).parents[2] / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
     rows = set(re.findall(r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)", page, re.MULTILINE))
-    assert rows >= set(HYPERPARAMETERS)
+    assert rows >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn

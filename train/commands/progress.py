@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, redirect_stdout
 from math import isnan
 from pathlib import Path
 from shlex import quote
 from shutil import get_terminal_size
 from time import perf_counter, strftime
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from train.commands.parse import options_in
 from train.commands.run_options import RunCommand
@@ -38,7 +39,12 @@ class ProgressLine:
     work of a few seconds.
 
     In a terminal one line is updated, elsewhere a line is printed every minute.
+
+    Attributes:
+        muted: whether nothing is reported at all.
     """
+
+    muted: ClassVar[bool] = False
 
     def __init__(self) -> None:
         self.began = self.reported = perf_counter()
@@ -59,6 +65,8 @@ class ProgressLine:
             state, left: in words, before and after the time so far; of a known share in per cent.
         """
         now, live = perf_counter(), sys.stderr.isatty()
+        if self.muted:
+            return
         if what != self.what:
             self.close()
             self.what, self.began, self.reported = what, now, now
@@ -104,14 +112,35 @@ class TrainingProgress:
         self.progress.update(self.task, completed=run.progress)
         if not row:
             return
-        parts = [
+        fields = [
             f"{100 * run.progress:3.0f} %",
             f"{run.seconds:6.1f} s",
             f"{run.trainee.frames / 1e6:7.2f} M frames",
             f"{row['frames_per_second'] / 1e3:5.1f} k/s",
             *run.trainee.log_fields(row),
         ]
-        self.progress.console.print("  ".join(parts), highlight=False, soft_wrap=True)
+        console, lines = self.progress.console, [""]
+        for field in fields if console.is_terminal else (" ".join(each.split()) for each in fields):
+            if not console.is_terminal and len(lines[-1]) + len(field) + 2 > COLUMNS:
+                lines.append("    ")
+            lines[-1] += f"  {field}" if lines[-1].strip() else field
+        console.print("\n".join(lines), highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def quietly(quiet: bool) -> Iterator[None]:
+    """A part that prints only warnings and errors, if it is to be quiet."""
+    if not quiet:
+        yield
+        return
+    from pursuit.compilation.compiler import ANNOUNCER
+
+    ProgressLine.muted = ANNOUNCER.muted = True
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nothing, redirect_stdout(nothing):
+            yield
+    finally:
+        ProgressLine.muted = ANNOUNCER.muted = False
 
 
 def start_or_resume(
@@ -194,7 +223,7 @@ def finish_run(
             began = perf_counter()
             with closing(ProgressLine()) as tell:
                 content = run.results(**final.arguments(), tell=tell)
-            if (spent := perf_counter() - began) >= QUIET:
+            if (spent := perf_counter() - began) >= QUIET and not ProgressLine.muted:
                 print(f"final evaluation: {spent:.0f} s", file=sys.stderr)
             if limit := content.get("exact_limit"):
                 print(f"{limit}; `pursuit evaluate` has none by default", file=sys.stderr)

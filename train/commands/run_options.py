@@ -24,8 +24,8 @@ class RunCommand:
     """Print all settings as a file for --config, with comments at defaults, and exit."""
     resume: Path | None = None
     """Resume the run in this folder, with its settings. With --frames or --seconds it goes on with
-    this longer budget; otherwise only --episodes, --exact-seconds, --report and --allow may be
-    given as well."""
+    this longer budget; otherwise only --episodes, --exact-seconds, --report, --quiet and --allow
+    may be given as well."""
     stretch: bool = False
     """With --resume and a longer budget: schedules, as of the learning rate and the curriculum,
     extend over the new budget. By default they keep their end."""
@@ -36,6 +36,8 @@ class RunCommand:
     """Seconds that exact solutions of games of several agents may take at the end; 0 for none.
     Those that take about a second are always made. None: no limit; with --resume that of the first
     command."""
+    quiet: bool = False
+    """Print warnings and errors only."""
     report: bool = True
     """Write figures, a replay and a report at the end; --resume adds them after --no-report."""
 
@@ -46,7 +48,7 @@ def check_resumed(arguments: Sequence[str]) -> None:
     if given.get("resume", "None") in ("None", "") or asks_help(arguments):
         return
     applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
-    applied |= {"frames", "seconds", "stretch"}
+    applied |= {"frames", "seconds", "stretch", "quiet"}
     others = [f"--{name.replace('_', '-')}" for name in given if name not in applied]
     check(
         not others,

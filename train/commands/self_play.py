@@ -93,6 +93,14 @@ def self_play(arguments: Sequence[str]) -> None:
     given, settings = with_config(arguments, parsed)
     if given.resume is None:
         settings.task.build()  # its errors come before the slow imports
+    from train.commands.progress import quietly
+
+    with quietly(given.quiet):
+        carry_out(given, settings, arguments)
+
+
+def carry_out(given: SelfPlayCommand, settings: SelfPlayBase, arguments: Sequence[str]) -> None:
+    """Train, and print the progress and the results."""
     from train.commands.progress import finish_run, start_or_resume
     from train.evaluation.self_play_text import describe_mixing
     from train.runs.folder import SELF_PLAY

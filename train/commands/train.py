@@ -63,6 +63,14 @@ def train(arguments: Sequence[str]) -> None:
     """`pursuit train`."""
     check_resumed(arguments)
     given = with_config(arguments, parsed)
+    from train.commands.progress import quietly
+
+    with quietly(given.quiet):
+        carry_out(given, arguments)
+
+
+def carry_out(given: TrainCommand[Hyperparameters], arguments: Sequence[str]) -> None:
+    """Train, and print the progress and the results."""
     from train.commands.progress import finish_run, start_or_resume
     from train.runs.folder import RUN
 

@@ -12,6 +12,8 @@ import pytest
 from command_errors import error_of
 
 from train import load_policy, open_run, settings_of, start
+from train.commands.main import main
+from train.commands.progress import ProgressLine
 from train.files import read_json
 from train.runs.folder import RUN, kept_policies, read_metrics
 from train.runs.loop import Run
@@ -167,3 +169,18 @@ def test_a_callback_stops_logs_and_keeps(services: dict[str, Service], tmp_path:
     assert frames == run.trainee.frames
     assert load_policy(tmp_path / "run", at=frames) is not None
     assert run.results(episodes=20)["interrupted"]
+
+
+@pytest.mark.parametrize("command", ["train", "self-play"])
+def test_quiet_commands_print_nothing_and_others_short_lines(
+    command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--maze", "3x3", "--frames", "20000", "--no-report", "--threads", "1"]
+    main([command, *options, "--out", str(tmp_path / "loud")])
+    lines = [line for line in capfd.readouterr().out.splitlines() if "M frames" in line]
+    assert lines and all(len(line) <= 100 for line in lines)
+    main([command, *options, "--out", str(tmp_path / "quiet"), "--quiet"])
+    said = capfd.readouterr()
+    assert said.out == "" and all("warning" in line for line in said.err.splitlines())
+    assert (tmp_path / "quiet" / "results.json").exists()
+    assert not ProgressLine.muted
