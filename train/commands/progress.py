@@ -112,18 +112,21 @@ class TrainingProgress:
         self.progress.update(self.task, completed=run.progress)
         if not row:
             return
+        console, lines = self.progress.console, [""]
         fields = [
             f"{100 * run.progress:3.0f} %",
             f"{run.seconds:6.1f} s",
             f"{run.trainee.frames / 1e6:7.2f} M frames",
-            f"{row['frames_per_second'] / 1e3:5.1f} k/s",
             *run.trainee.log_fields(row),
         ]
-        console, lines = self.progress.console, [""]
-        for field in fields if console.is_terminal else (" ".join(each.split()) for each in fields):
-            if not console.is_terminal and len(lines[-1]) + len(field) + 2 > COLUMNS:
-                lines.append("    ")
-            lines[-1] += f"  {field}" if lines[-1].strip() else field
+        if console.is_terminal:
+            fields.insert(3, f"{row['frames_per_second'] / 1e3:5.1f} k/s")
+            lines = ["  ".join(fields)]
+        else:
+            for field in (" ".join(each.split()) for each in fields):
+                if len(lines[-1]) + len(field) + 2 > COLUMNS:
+                    lines.append("  ")
+                lines[-1] += f"  {field}" if lines[-1] else field
         console.print("\n".join(lines), highlight=False, soft_wrap=True)
 
 
