@@ -130,19 +130,13 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     return run
 
 
-def write_config(
-    kind: str,
-    settings: WholeSettings,
-    folder: Path,
-    final: Final | None = None,
-    resolved: Plain | None = None,
-) -> None:
-    """Write `config.json`, with maze files replaced by their text; `resolved` as of
-    `save_config`."""
+def write_config(kind: str, settings: WholeSettings, folder: Path, *how: Any) -> None:
+    """Write `config.json`, with maze files replaced by their text; `how` is the end of the
+    arguments of `save_config`: `final` and `resolved`."""
     own: Any = with_mazes(settings)
     plain = replace(own, task=settings.task)
     source = None if settings.init_from is None else sha256_in(Path(settings.init_from))
-    save_config(folder, kind, plain, settings.task.maze_text, final, source, resolved)
+    save_config(folder, kind, plain, settings.task.maze_text, source, *how)
 
 
 def with_mazes(settings: WholeSettings) -> WholeSettings:
@@ -194,8 +188,9 @@ def open_run(
     remove_leftovers(folder)
     state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
     longer = load_config(folder).longer
-    if extended := frames is not None or seconds is not None:
-        settings, longer = with_budget(folder, settings, longer, frames, seconds, stretch)
+    new = {n: value for n, value in (("frames", frames), ("seconds", seconds)) if value is not None}
+    if new:
+        settings, longer = with_budget(folder, settings, longer, new, stretch)
     if longer and state is not None:  # checkpoints of earlier versions do not have it
         state.setdefault("budget", longer[0].budget)
     if state is None:
@@ -207,38 +202,28 @@ def open_run(
     except ValueError as error:
         raise error if str(folder) in str(error) else ValueError(f"{folder}: {error}") from None
     run.lock = lock
-    if extended:
+    if new:
         write_longer(run, settings, longer)
     return run
 
 
 def with_budget(
-    folder: Path,
-    settings: WholeSettings,
-    longer: Sequence[Longer],
-    frames: int | None,
-    seconds: float | None,
-    stretch: bool,
+    folder: Path, settings: WholeSettings, longer: Sequence[Longer], new: Plain, stretch: bool
 ) -> tuple[WholeSettings, list[Longer]]:
-    """The settings with a longer budget, and the list of such changes; ValueError as `open_run`."""
+    """The settings with the new budget, and the list of such changes; ValueError as `open_run`."""
     check(
         isinstance(settings, RunSettings),
         f"{folder}: is a run of a comparison; its budget is that of the study file",
     )
     unit = settings.budget_unit
-    given, other = (frames, seconds) if unit == "frames" else (seconds, frames)
-    new: Plain = {unit: given}
-    check(
-        given is not None and other is None,
-        f"{folder}: its budget is in {unit}; give a longer one by --{unit}",
-    )
+    check([*new] == [unit], f"{folder}: its budget is in {unit}; give a longer one by --{unit}")
     changed: Any = replace(settings, **new)
     check(
         changed.budget > settings.budget,
         f"{folder}: {unit}={changed.budget:g} is not longer than its budget of "
         f"{settings.budget:g} {unit}; give more",
     )
-    if not stretch and any(hyper.ends_at_zero for hyper in settings.learners):
+    if not stretch and any(hyper.anneal for hyper in settings.learners):
         warnings.warn(
             f"{folder}: the learning rate was annealed to 0 and stays there; add --stretch, or "
             f"start a new run from its weights by --init-from {folder}",
@@ -271,15 +256,9 @@ def check_init(folder: Path, settings: WholeSettings) -> None:
     )
 
 
-def resume(
-    folder: Path | str,
-    kind: str,
-    frames: int | None = None,
-    seconds: float | None = None,
-    stretch: bool = False,
-) -> Run:
+def resume(folder: Path | str, kind: str, stretch: bool = False, **longer: Any) -> Run:
     """Open the run in `folder` for resuming, also if only results or figures are missing, or with
-    a longer budget, as `open_run`.
+    a longer budget, of "frames" or "seconds", as `open_run`.
 
     Raises:
         ValueError: there is no run, or it is damaged, of another kind, or complete.
@@ -292,14 +271,13 @@ def resume(
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
     drawn = all((folder / name).exists() for name in KINDS[kind].pictures)
-    longer = frames is not None or seconds is not None
     check(
-        longer or not is_complete(folder) or not drawn,
+        bool(longer) or not is_complete(folder) or not drawn,
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}, or go on with a longer "
         f"one: --resume {folder} --frames or --seconds",
     )
-    check(longer or not stretch, "--stretch needs a longer budget; add --frames or --seconds")
-    return open_run(folder, frames, seconds, stretch)
+    check(bool(longer) or not stretch, "--stretch needs a longer budget; add --frames or --seconds")
+    return open_run(folder, stretch=stretch, **longer)
 
 
 def evaluate_runs(folders: Iterable[Path], tell: Tell) -> None:

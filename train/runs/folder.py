@@ -76,12 +76,12 @@ def save_config(
     kind: str,
     settings: WholeSettings,
     maze_text: str | None,
-    final: forms.Final | None = None,
     init_sha256: str | None = None,
+    final: forms.Final | None = None,
     resolved: Plain | None = None,
 ) -> None:
     """Write `config.json`: the kind of run, its settings, the maze as text if there is one, the
-    settings of the final results, the digest of the weights that it starts from, what "auto" meant
+    digest of the weights that it starts from, the settings of the final results, what "auto" meant
     where the run began, user-defined parts with hashes of their source, and the command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
     if init_sha256 is not None:
@@ -240,11 +240,9 @@ def policy_at(folder: Path, at: int | str | None) -> Path:
     if at is None:
         return folder
     kept, frames = kept_policies(folder), -1.0
-    if at == BEST:
-        frames = read_kept_list(run_of(folder)).best or frames
-    else:
-        with contextlib.suppress(ValueError):
-            frames = float(at)
+    with contextlib.suppress(ValueError):
+        best = read_kept_list(run_of(folder)).best
+        frames = float(best or -1 if at == BEST else at)
     if frames not in kept:
         names = [*map(str, kept)]
         names = names if len(names) <= 10 else [*names[:4], "...", *names[-4:]]

@@ -35,9 +35,8 @@ def check_unused_settings(settings: WholeSettings) -> None:
     """
     settings.task.check_used()
     given: Any = settings
-    sides = [given.side(role) for role in getattr(given, "learning", ())] or [given]
     for name, why in unused_settings(settings).items():
-        for part in (given, *(side.hyper for side in sides)):
+        for part in (given, *settings.learners):
             if name in vars(part):
                 check_default(part, type(part), [name], why)
     if not isinstance(settings, SelfPlayBase):

@@ -134,6 +134,7 @@ class LibraryPPOSettings(Hyperparameters):
     losses and network, and ours for sizes. The learning rate is annealed to 0."""
 
     UNUSED: ClassVar[tuple[str, ...]] = NO_NETWORK
+    anneal = True  # by the libraries themselves
 
     rollout_steps: Count = 16
     """Steps of every game in a rollout."""
@@ -161,11 +162,6 @@ class LibraryPPOSettings(Hyperparameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_minibatch(self, standardized=True)
-
-    @property
-    def ends_at_zero(self) -> bool:
-        """As in `Hyperparameters`."""
-        return True
 
 
 def ppo_settings(settings: ActorCriticSettings, **own: float) -> PPOSettings:

@@ -30,6 +30,8 @@ class Hyperparameters(Settings):
     """Settings of a run that the algorithm does not use."""
 
     # Values of learners that lack these settings; without annotations they are no fields.
+    anneal = False
+    """Whether the learning rate ends at 0."""
     rollout_steps = 1
     """Steps of every game between two updates."""
     minibatch_size = 0
@@ -49,11 +51,6 @@ class Hyperparameters(Settings):
     def last_gamma(self) -> float:
         """The discount at the end of training."""
         return self.gamma
-
-    @property
-    def ends_at_zero(self) -> bool:
-        """Whether the learning rate is annealed to 0."""
-        return False
 
 
 @dataclass(frozen=True)
@@ -76,8 +73,3 @@ class NetworkSettings(Hyperparameters):
     """Activation function: relu or tanh."""
     first_std: Positive = 0.06
     """Initial standard deviation of the weights of the first layer, for observation index."""
-
-    @property
-    def ends_at_zero(self) -> bool:
-        """As in `Hyperparameters`."""
-        return self.anneal
