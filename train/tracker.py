@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -102,7 +103,7 @@ class Tracker:
                 others.score("learned", trainee.policy)  # for `evaluate_kept`
             learner.complete = score.exact
             run.budget, run.evaluations = replace(run.budget, frames=int(frames)), 0
-            with run.logging():
+            with closing(run.open_logs()):
                 run.evaluate()
         except ValueError:
             learner.frames, learner.network = before

@@ -10,7 +10,7 @@ from typing import Any, NoReturn, TypeVar
 
 from pursuit.plugins import reading
 from pursuit.validation import check
-from train.commands.help import grouped, parts_in
+from train.commands.help import grouped, values_in
 from train.commands.parse import names_in, options_in, take_allow_options
 from train.files import read_toml
 from train.runs.unused_settings import (
@@ -78,8 +78,7 @@ def print_config(settings: WholeSettings, given: Any, default: Any, sides: Any =
     check_unused_settings(settings)
     resolved = resolved_settings(settings)
     hidden = {*OF_ONE_COMMAND, "players", *unused_settings(settings)}
-    defaults = {name: value for part in parts_in(default) for name, value in vars(part).items()}
-    tables = []
+    defaults, tables = values_in(default), []
     for role, *pair in sides:
         own, usual = ({"algorithm": side.algorithm, **vars(side.hyper)} for side in pair)
         tables += ["", f"[{role}]", *(row(name, own[name], usual[name], own[name]) for name in own)]

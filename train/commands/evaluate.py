@@ -143,7 +143,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     check_default(given, EvaluateCommand, names, why)
     from train.evaluation.sides import Profile, ResultLimits
     from train.runs.folder import CONFIG, read_config
-    from train.runs.opponents import SAVED, policy_of, saved_at  # torch is slow to import
+    from train.runs.opponents import policy_of  # torch is slow to import
     from train.runs.provenance import check_parts
     from train.self_play.parts import game_of_all, self_play_from_plain
 
@@ -153,12 +153,10 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
     with reading(config):
         settings = self_play_from_plain(plain, str(config))
     game, run = game_of_all(settings.task, settings.discount), str(given.run)
-    saved = {
-        name: saved_at(given.at) if name in settings.learning else SAVED for name in settings.sides
-    }
+    at = dict.fromkeys(settings.learning, given.at)
     players = {
-        name: policy_of(settings.task, run, game.task, name, saved=own)
-        for name, own in saved.items()
+        name: policy_of(settings.task, run, game.task, name, at=at.get(name))
+        for name in settings.sides
     }
     how = (given.episodes, ResultLimits().evaluated_work, evaluation_seed(seed_of(given)))
     found = game.evaluate(Profile(players, ()), *how)

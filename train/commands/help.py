@@ -104,6 +104,12 @@ def parts_in(value: Any) -> Iterator[Any]:
             yield from parts_in(getattr(value, each.name, None))
 
 
+def values_in(command: Any) -> dict[str, Any]:
+    """The values of a command and its parts by name."""
+    pairs = (pair for part in parts_in(command) for pair in vars(part).items())
+    return {name: value for name, value in pairs if not is_dataclass(value)}
+
+
 def metavar(kind: Any) -> str:
     """What stands for the values of an option of this type, after a space."""
     kinds = [*get_args(kind), kind]  # of an optional one and of a tuple the first

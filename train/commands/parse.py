@@ -8,9 +8,9 @@ import re
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields
 from difflib import get_close_matches
-from functools import cache
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType, UnionType
 from typing import Any, NoReturn, TypeVar, get_args, get_origin
@@ -20,7 +20,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
 from pursuit.plugins import allow
 from pursuit.validation import check
-from train.commands.help import asks_help, parts_in, print_help
+from train.commands.help import asks_help, parts_in, print_help, values_in
 from train.files import Plain
 from train.settings.groups import OTHER_NAMES
 
@@ -117,13 +117,6 @@ def add_all(arguments: Sequence[str]) -> list[str]:
     return found
 
 
-CONFIG = (
-    tyro.conf.OmitArgPrefixes,
-    tyro.conf.HelptextFromCommentsOff,
-    tyro.conf.AvoidSubcommands,  # the default determines the form of the task
-)
-
-
 def whole_number(text: str) -> int:
     """The whole number of a text, as 1000 or 1e3; ValueError for others."""
     try:
@@ -161,6 +154,15 @@ def _read_by(kind: type[Any], metavar: str, read: Callable[[str], Any]) -> None:
 
 _read_by(int, "INT", whole_number)
 _read_by(Path, "PATH", path_of)
+read_options: Any = partial(
+    tyro.cli,
+    config=(
+        tyro.conf.OmitArgPrefixes,
+        tyro.conf.HelptextFromCommentsOff,
+        tyro.conf.AvoidSubcommands,  # the default determines the form of the task
+    ),
+    registry=PRIMITIVES,
+)
 
 
 def is_instance(typ: Any, value: Any) -> bool:
@@ -177,11 +179,10 @@ tyros_is_instance: Callable[[Any, Any], bool] = getattr(RESOLVER, "is_instance",
 RESOLVER.is_instance = is_instance
 
 
-@cache
-def hide_help_texts(form: Any) -> None:
-    """Empty help texts of a dataclass's fields: for the message of an error tyro reads the
+def hide_help_texts(command: Any) -> None:
+    """Empty help texts of the fields of dataclasses: for the message of an error tyro reads the
     docstrings of all fields without a text. It prints those of required options."""
-    for each in fields(form):
+    for each in (each for part in parts_in(command) for each in fields(part)):
         if each.default is not MISSING or each.default_factory is not MISSING:
             each.metadata = MappingProxyType({**each.metadata, "help": ""})
 
@@ -200,18 +201,12 @@ def parse(
     own: Any = get_origin(form) or form
     if asks_help(args):
         print_help(prog, default or own, options_in(args))
-    forms: list[Any] = [own, *map(type, parts_in(default))]
-    for each in forms:
-        hide_help_texts(each)
+    hide_help_texts(default or own)
     try:
         with contextlib.redirect_stderr(boxed):
-            return tyro.cli(
-                form, args=args, prog=f"pursuit {prog}", config=CONFIG, registry=PRIMITIVES, **extra
-            )
+            return read_options(form, args=args, prog=f"pursuit {prog}", **extra)
     except SystemExit:
-        parts = [vars(part) for part in parts_in(default)]
-        names = [n for part in parts for n, value in part.items() if not is_dataclass(value)]
-        message = tyro_message(boxed.getvalue(), names)
+        message = tyro_message(boxed.getvalue(), values_in(default))
         raise ValueError(f"{message} (see pursuit {prog} --help)") from None
 
 
@@ -221,18 +216,10 @@ def parse_known(default: Form, arguments: Sequence[str]) -> Form:
     For options that determine the other options; `parse` reports errors.
     """
     args = [argument for argument in arguments if not asks_help([argument])]
-    for each in parts_in(default):
-        hide_help_texts(each.__class__)
+    hide_help_texts(default)
+    how: Plain = {"args": args, "default": default, "return_unknown_args": True}
     with contextlib.suppress(SystemExit, ValueError), contextlib.redirect_stderr(io.StringIO()):
-        found, _ = tyro.cli(
-            type(default),
-            args=args,
-            default=default,
-            config=CONFIG,
-            registry=PRIMITIVES,
-            return_unknown_args=True,
-        )
-        return found
+        return read_options(type(default), **how)[0]
     return default
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from pursuit.files import cannot_write
 from pursuit.validation import raised
@@ -19,98 +19,66 @@ IDS = "logs.json"
 """The names of a run in services, by which a resumed run goes on there."""
 
 
-class Log(Protocol):
-    """Where values are written."""
-
-    def write(self, row: Mapping[str, float], frames: int) -> None:
-        """Write values by name."""
-
-    def close(self) -> None:
-        """Write what is left."""
+Log = tuple[Callable[[dict[str, float], int], object], Callable[[], object]]
+"""What writes values by name at so many frames, and what closes the log."""
 
 
-class TensorBoard:
-    """Events in the subfolder `tensorboard`; an `OSError` names it."""
+def open_tensorboard(folder: Path) -> Log:
+    """Events in the subfolder `tensorboard`."""
+    from torch.utils.tensorboard import SummaryWriter  # slow to import
 
-    def __init__(self, folder: Path) -> None:
-        from torch.utils.tensorboard import SummaryWriter  # slow to import
+    board = SummaryWriter(str(folder / "tensorboard"))
 
-        self.folder = folder / "tensorboard"
-        self.board = self._named(SummaryWriter, str(self.folder))
-
-    def _named(self, function: Any, *given: Any) -> Any:
-        try:
-            return function(*given)
-        except OSError as error:
-            raise cannot_write(self.folder, error) from None
-
-    def write(self, row: Mapping[str, float], frames: int) -> None:
-        """As `Log`."""
+    def write(row: dict[str, float], frames: int) -> None:
         for name, value in row.items():
-            self._named(self.board.add_scalar, name, value, frames)
+            board.add_scalar(name, value, frames)
 
-    def close(self) -> None:
-        """As `Log`."""
-        self._named(self.board.close)
+    return write, board.close
 
 
-class WandB:
+def open_wandb(folder: Path) -> Log:
     """A run of Weights & Biases, in the project WANDB_PROJECT or "pursuit"."""
+    import wandb
 
-    def __init__(self, folder: Path) -> None:
-        import wandb
-
-        known = ids_in(folder)
-        self.run = wandb.init(
-            project=os.environ.get("WANDB_PROJECT", "pursuit"),
-            name=folder.name,
-            dir=folder,
-            id=known.get("wandb"),
-            resume="allow",
-            config=read_json(folder / CONFIG),
-        )
-        write_json(folder / IDS, {**known, "wandb": self.run.id})
-
-    def write(self, row: Mapping[str, float], frames: int) -> None:
-        """As `Log`."""
-        self.run.log(dict(row), step=frames)
-
-    def close(self) -> None:
-        """As `Log`."""
-        self.run.finish()
+    known = ids_in(folder)
+    run = wandb.init(
+        project=os.environ.get("WANDB_PROJECT", "pursuit"),
+        name=folder.name,
+        dir=folder,
+        id=known.get("wandb"),
+        resume="allow",
+        config=read_json(folder / CONFIG),
+    )
+    write_json(folder / IDS, {**known, "wandb": run.id})
+    return lambda row, frames: run.log(row, step=frames), run.finish
 
 
-class MLflow:
+def open_mlflow(folder: Path) -> Log:
     """A run of MLflow, where MLFLOW_TRACKING_URI says."""
+    import mlflow
 
-    def __init__(self, folder: Path) -> None:
-        import mlflow
+    client, known = mlflow.MlflowClient(), ids_in(folder)
+    name = os.environ.get("MLFLOW_EXPERIMENT_NAME", "pursuit")
+    if "mlflow" not in known:
+        experiment = client.get_experiment_by_name(name)
+        place = experiment.experiment_id if experiment else client.create_experiment(name)
+        known["mlflow"] = client.create_run(place, run_name=folder.name).info.run_id
+        write_json(folder / IDS, known)
+        for key, value in read_json(folder / CONFIG).items():
+            for own, each in value.items() if isinstance(value, dict) else ((None, value),):
+                full = key if own is None else f"{key}.{own}"
+                client.log_param(known["mlflow"], full, str(each)[:500])
+    run = known["mlflow"]
+    client.update_run(run, status="RUNNING")
 
-        self.client, known = mlflow.MlflowClient(), ids_in(folder)
-        name = os.environ.get("MLFLOW_EXPERIMENT_NAME", "pursuit")
-        if "mlflow" not in known:
-            experiment = self.client.get_experiment_by_name(name)
-            place = experiment.experiment_id if experiment else self.client.create_experiment(name)
-            known["mlflow"] = self.client.create_run(place, run_name=folder.name).info.run_id
-            write_json(folder / IDS, known)
-            for key, value in read_json(folder / CONFIG).items():
-                for own, each in value.items() if isinstance(value, dict) else ((None, value),):
-                    full = key if own is None else f"{key}.{own}"
-                    self.client.log_param(known["mlflow"], full, str(each)[:500])
-        self.id = known["mlflow"]
-        self.client.update_run(self.id, status="RUNNING")
-
-    def write(self, row: Mapping[str, float], frames: int) -> None:
-        """As `Log`."""
+    def write(row: dict[str, float], frames: int) -> None:
         for name, value in row.items():
-            self.client.log_metric(self.id, name, value, step=frames)
+            client.log_metric(run, name, value, step=frames)
 
-    def close(self) -> None:
-        """As `Log`."""
-        self.client.set_terminated(self.id)
+    return write, lambda: client.set_terminated(run)
 
 
-FORMS: dict[str, type[Any]] = dict(zip(LOGS, (TensorBoard, WandB, MLflow), strict=True))
+OPEN = dict(zip(LOGS, (open_tensorboard, open_wandb, open_mlflow), strict=True))
 
 
 def ids_in(folder: Path) -> Plain:
@@ -142,27 +110,29 @@ class Logs:
     """
 
     def __init__(self, setting: str, folder: Path) -> None:
-        self.open: dict[str, Log] = {}
+        self.folder, self.open = folder, dict[str, Log]()
         for name in logs_of(setting):
-            self._try(name, lambda name=name: self.open.update({name: FORMS[name](folder)}))
+            if log := self._try(name, OPEN[name], folder):
+                self.open[name] = log
 
     def write(self, row: Mapping[str, float], frames: int) -> None:
         """Write values by name at so many frames."""
-        for name, log in [*self.open.items()]:
-            self._try(name, log.write, row, frames)
+        for name, (write, _) in [*self.open.items()]:
+            self._try(name, write, dict(row), frames)
 
     def close(self) -> None:
         """Close all."""
-        for name, log in [*self.open.items()]:
-            self._try(name, log.close)
+        for name, (_, close) in [*self.open.items()]:
+            self._try(name, close)
         self.open.clear()
 
-    def _try(self, name: str, function: Any, *given: Any) -> None:
+    def _try(self, name: str, function: Any, *given: Any) -> Any:
         try:
-            function(*given)
+            return function(*given)
         except Exception as error:  # a service may raise anything
             if name == "tensorboard":  # a full disk
-                raise
+                named = isinstance(error, OSError)
+                raise cannot_write(self.folder / name, error) if named else error from None
             self.open.pop(name, None)
             warnings.warn(
                 f"log={name!r}: {raised(error)}; training goes on without it", stacklevel=3

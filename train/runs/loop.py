@@ -248,7 +248,8 @@ class Run(Generic[T]):
             if row:
                 callback(run)
 
-        with Signals() as signals, contextlib.closing(self.trainee), self.logging():
+        closing = contextlib.closing
+        with Signals() as signals, closing(self.trainee), closing(self.open_logs()):
             try:
                 self._train(signals, told)
             except Stopped:
@@ -257,14 +258,10 @@ class Run(Generic[T]):
                     self.save()
                 raise
 
-    @contextlib.contextmanager
-    def logging(self) -> Iterator[None]:
-        """A part in which evaluations are logged for other programs."""
+    def open_logs(self) -> Logs:
+        """The logs for other programs, which evaluations write until they are closed."""
         self.logs = Logs(self.log_setting, self.folder)
-        try:
-            yield
-        finally:
-            self.logs.close()
+        return self.logs
 
     def log(self, values: Mapping[str, float]) -> None:
         """Write further values into the logs for other programs, at the present frames."""

@@ -111,11 +111,10 @@ def saved_at(at: int | str | None) -> SavedRuns:
     return _SavedRuns(at)
 
 
-def policy_of(
-    settings: TaskForm, name: str, task: Any, agent: str, *how: Any, saved: SavedRuns = SAVED
-) -> Any:
-    """The policy of this name for an agent or role of a task; as of `policy_named`."""
-    return policy_named(need(family_of(settings).policies), saved, name, task, agent, *how)
+def policy_of(settings: TaskForm, name: str, *how: Any, at: int | str | None = None) -> Any:
+    """The policy of this name for an agent or role of a task; `how` as of `policy_named`, from the
+    task on, and `at` as of `load_policy`."""
+    return policy_named(need(family_of(settings).policies), saved_at(at), name, *how)
 
 
 def opponents_of(task: Task, agent: str, opponent: str | None, *how: Any) -> dict[str, Policy]:

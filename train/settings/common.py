@@ -44,12 +44,8 @@ def check_min_probability(given: float | None, moves: int) -> float:
 
 def check_logs(given: str) -> None:
     """ValueError unless all logs are known."""
-    for name in given.split(","):
-        alone = name in ("auto", "none") and name == given
-        check(
-            alone or name in LOGS,
-            f"log={given!r}; give {', '.join(LOGS)}, several with commas, or none",
-        )
+    known = given in ("auto", "none") or {*given.split(",")} <= {*LOGS}
+    check(known, f"log={given!r}; give {', '.join(LOGS)}, several with commas, or none")
 
 
 FrameStack = Annotated[
