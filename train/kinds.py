@@ -218,10 +218,10 @@ def with_budget(
     unit = settings.budget_unit
     check([*new] == [unit], f"{folder}: its budget is in {unit}; give a longer one by --{unit}")
     changed: Any = replace(settings, **new)
+    before, after = (Budget.of(each).amount for each in (settings, changed))
     check(
-        changed.budget > settings.budget,
-        f"{folder}: {unit}={changed.budget:g} is not longer than its budget of "
-        f"{settings.budget:g} {unit}; give more",
+        after > before,
+        f"{folder}: {unit}={after:g} is not longer than its budget of {before:g} {unit}; give more",
     )
     if not stretch and any(hyper.anneal for hyper in settings.learners):
         warnings.warn(
@@ -230,7 +230,7 @@ def with_budget(
             stacklevel=3,
         )
     digest = sha256_in(folder) if (folder / CHECKPOINT).exists() else None
-    return changed, [*longer, Longer(settings.budget, 0, stretch, digest, command_line())]
+    return changed, [*longer, Longer(before, 0, stretch, digest, command_line())]
 
 
 def write_longer(run: Run, settings: WholeSettings, longer: Sequence[Longer]) -> None:

@@ -11,7 +11,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Self, cast
 
 from pursuit.validation import check, is_int
-from train.algorithms.tracked import TrackedPolicy, network_of
+from train.algorithms.tracked import TrackedNetwork, TrackedPolicy
 from train.files import Plain
 from train.kinds import start, write_config
 from train.runs.folder import RUN
@@ -93,7 +93,7 @@ class Tracker:
         )
         run.seconds += perf_counter() - self.began
         before = learner.frames, learner.network
-        learner.frames, learner.network = int(frames), network_of(learner.seat, policy)
+        learner.frames, learner.network = int(frames), TrackedNetwork(learner.seat, policy)
         trainee.policy = learner.policy()
         try:
             # Everything that results need is asked now, as a policy may go on learning.

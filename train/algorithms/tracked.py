@@ -14,6 +14,7 @@ from torch import nn
 from pursuit.validation import check, raised
 from train.algorithms.learner import Build
 from train.environments.batch_env import BatchEnv
+from train.networks.distributions import are_probabilities
 from train.networks.seat import Seat
 from train.settings.algorithms import TrackedSettings
 from train.tensors import StateDict
@@ -36,32 +37,24 @@ def no_policy(observations: NDArray[Any]) -> NDArray[Any]:
 
 
 class TrackedNetwork(nn.Module):
-    """A function of observations as a network.
-
-    Args:
-        function: the policy.
-        shape: of an observation.
-        actions: their number, or the joints of an arm.
-        continuous: whether they are turns of joints.
+    """A function of observations as the network of a seat.
 
     Attributes:
         seen: the observations so far in bytes, with what the function returned.
     """
 
-    def __init__(
-        self, function: TrackedPolicy, shape: tuple[int, ...], actions: int, continuous: bool
-    ) -> None:
+    def __init__(self, seat: Seat, function: TrackedPolicy) -> None:
         super().__init__()
-        self.function, self.shape, self.actions = function, shape, actions
-        self.continuous = continuous
+        self.seat, self.function = seat, function
         self.seen: dict[bytes, tuple[NDArray[Any], NDArray[np.float64]]] = {}
         self.place = nn.Parameter(torch.zeros(()), requires_grad=False)  # networks have a device
 
     def logits(self, observation: torch.Tensor) -> torch.Tensor:
         """[..., actions] of [..., *shape]."""
-        flat = observation.numpy().reshape(-1, *self.shape)
+        shape = self.seat.features.shape
+        flat = observation.numpy().reshape(-1, *shape)
         found = torch.from_numpy(np.log(np.maximum(self.answer(flat), LEAST)))
-        return found.reshape(*observation.shape[: -len(self.shape)], self.actions)
+        return found.reshape(*observation.shape[: -len(shape)], -1)
 
     def act(self, observation: torch.Tensor, noise: torch.Tensor | None) -> torch.Tensor:
         """[n, joints] of [n, *shape]; `noise` has no effect."""
@@ -79,8 +72,8 @@ class TrackedNetwork(nn.Module):
             raise
         except Exception as error:  # the function may raise anything
             raise ValueError(f"the policy raised {raised(error)}; mend it") from error
-        count, actions = len(observations), self.actions
-        if not self.continuous and found.shape == (count,) and found.dtype.kind in "iu":
+        count, actions, continuous = len(observations), self.seat.num_actions, self.seat.continuous
+        if not continuous and found.shape == (count,) and found.dtype.kind in "iu":
             check(
                 bool(((found >= 0) & (found < actions)).all()),
                 f"the policy returned actions from {found.min()} to {found.max()}; give 0 to "
@@ -91,13 +84,11 @@ class TrackedNetwork(nn.Module):
         check(
             found.shape == (count, actions) and found.dtype.kind == "f",
             f"the policy returned {found.dtype} of shape {list(found.shape)} for {count} "
-            f"observations; give {f'turns [{count}, {actions}]' if self.continuous else wanted}",
+            f"observations; give {f'turns [{count}, {actions}]' if continuous else wanted}",
         )
-        fits = bool(np.isfinite(found).all())
-        if not self.continuous:
-            fits = fits and bool((found >= 0).all())
-            fits = fits and np.allclose(found.sum(axis=1), 1.0, atol=1e-3)
-        rule = "finite turns" if self.continuous else "probabilities of sum 1"
+        fits, rule = bool(np.isfinite(found).all()), "finite turns"
+        if not continuous:
+            fits, rule = are_probabilities(found), "probabilities of sum 1"
         check(fits, f"the policy returned numbers that are no {rule}; mend it")
         found = found.astype(np.float64)
         self.seen |= {o.tobytes(): (o, own) for o, own in zip(observations, found, strict=True)}
@@ -120,7 +111,7 @@ class TrackedLearner:
 
     def __init__(self, settings: TrackedSettings, env: BatchEnv, options: Build) -> None:
         self.frames, self.seat, self.complete = 0, env.player, False
-        self.network = network_of(self.seat, no_policy)
+        self.network = TrackedNetwork(self.seat, no_policy)
 
     def iterate(self, progress: float) -> dict[str, float]:
         """ValueError: nothing is trained here."""
@@ -134,10 +125,11 @@ class TrackedLearner:
     def state_dict(self) -> StateDict:
         """The frames, and the policy where it was evaluated."""
         rows = [*self.network.seen.values()]
-        arrays = [np.array([row[part] for row in rows]) for part in range(2)]
-        names = ("observations", "returned")
-        tensors = {name: torch.from_numpy(a) for name, a in zip(names, arrays, strict=True)}
-        return {**tensors, "complete": self.complete, "frames": self.frames}
+        seen, returned = (
+            torch.from_numpy(np.array([row[part] for row in rows])) for part in (0, 1)
+        )
+        own = {"complete": self.complete, "frames": self.frames}
+        return {"observations": seen, "returned": returned, **own}
 
     def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""
@@ -150,12 +142,6 @@ class TrackedLearner:
 
     def close(self) -> None:
         """Nothing to release."""
-
-
-def network_of(seat: Seat, function: TrackedPolicy) -> TrackedNetwork:
-    """A function as the network of a seat."""
-    shape = tuple(seat.features.shape)
-    return TrackedNetwork(function, shape, seat.num_actions, seat.continuous)
 
 
 def saved_network(seat: Seat, state: StateDict) -> TrackedNetwork:
@@ -174,7 +160,7 @@ def saved_network(seat: Seat, state: StateDict) -> TrackedNetwork:
         # Where all situations are known, the others are those of games that have ended.
         return np.where(missing[:, None], 1.0 / seat.num_actions, returned[places])
 
-    return network_of(seat, saved)
+    return TrackedNetwork(seat, saved)
 
 
 def load(settings: TrackedSettings, seat: Seat, state: StateDict, greedy: bool = True) -> Any:

@@ -74,9 +74,8 @@ def carry_out(given: TrainCommand[Hyperparameters], arguments: Sequence[str]) ->
     from train.commands.progress import finish_run, start_or_resume
     from train.runs.folder import RUN
 
-    started, final = start_or_resume(
-        RUN, given.settings, given, arguments, given.settings.task.label
-    )
+    settings = given.settings
+    started, final = start_or_resume(RUN, settings, given, arguments, settings.task.label)
     run = cast("Run[SingleAgent]", started)
     trainee = run.trainee
     print(trainee.contest.line())

@@ -27,7 +27,7 @@ from train.files import Plain
 from train.kinds import KINDS, Kind
 from train.runs.folder import load_config
 from train.runs.forms import RESTORE
-from train.runs.loop import Budget, Run, build_parts, build_run
+from train.runs.loop import Budget, Run, build_parts, build_run, evenly
 from train.runs.parts import Parts, parts_of
 from train.runs.single import SingleAgent
 from train.runs.threads import prepare_torch
@@ -122,9 +122,8 @@ class LibraryRunSettings(Settings):
     @property
     def marks(self) -> list[float]:
         """The shares of the budget at which policies are evaluated."""
-        number = self.evaluations
-        even = [n / number for n in range(1, number + 1)]
-        return [even[0] / 4, even[0] / 2, *even] if number > 1 else even
+        even = evenly(self.evaluations)
+        return [even[0] / 4, even[0] / 2, *even] if len(even) > 1 else even
 
 
 def library_settings_of(**flat: Any) -> LibraryRunSettings:

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
 DISTRIBUTION = "distribution"
 """Column of the `parameters` of the distributions that the actions were drawn from."""
@@ -17,6 +19,11 @@ DISTRIBUTION = "distribution"
 LOG_ROOT_TWO_PI = 0.5 * math.log(2.0 * math.pi)
 FORBIDDEN = -1e9
 """Logit of a masked action: its probability is 0, and unlike -inf it gives no NaN in 0 * log 0."""
+
+
+def are_probabilities(rows: NDArray[np.floating]) -> bool:
+    """Whether each row of [n, actions] is a distribution, with sums up to rounding in float16."""
+    return bool((rows >= 0.0).all() and (abs(rows.sum(axis=1) - 1.0) < 1e-3).all())
 
 
 def masked(logits: torch.Tensor, allowed: torch.Tensor | None) -> torch.Tensor:

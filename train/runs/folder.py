@@ -93,19 +93,25 @@ def save_config(
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 
-def write_kept(folder: Path, name: str, state: Plain) -> None:
+def learned_state(algorithm: str, seat: Any, learner: Plain) -> Plain:
+    """The state of a learner as `check_learned` takes it."""
+    return {"algorithm": algorithm, "game": game_digest(seat), "learner": learner}
+
+
+def write_kept(folder: Path, name: str, algorithm: Any, seat: Any, learner: Plain) -> None:
     """Keep a policy of a run, or of one side of self-play, as a folder of its own in `checkpoints`,
     which commands read as they read that of the run.
 
     Args:
         folder: of the run or the side.
         name: of the folder.
-        state: as `check_learned` takes it.
+        algorithm, seat, learner: the `Algorithm`, the `Seat` and the state of the learner.
     """
     kept = folder / KEPT_IN / name
     kept.mkdir(parents=True, exist_ok=True)
     write_json(kept / CONFIG, read_json(folder / CONFIG) | {"kind": KEPT})
-    save_checkpoint(kept, {"trainee": state})
+    state = algorithm.policy_state(learner)
+    save_checkpoint(kept, {"trainee": learned_state(algorithm.name, seat, state)})
 
 
 def read_config(folder: Path) -> tuple[str, Plain]:

@@ -7,7 +7,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Generic
@@ -84,11 +84,10 @@ class Budget:
     @classmethod
     def of(cls, settings: WholeSettings, longer: Sequence[Longer] = ()) -> Budget:
         """The budget in the settings of a run that was extended so often."""
-        threads = settings.fixed_threads
-        amounts = [each.budget for each in longer] + [settings.budget]
+        own = cls(settings.seconds, settings.frames, settings.fixed_threads, settings.clock)
+        amounts = [*(each.budget for each in longer), own.amount]
         stretched = [number for number, each in enumerate(longer, 1) if each.stretch]
-        schedule = amounts[max(stretched, default=0)]
-        return cls(settings.seconds, settings.frames, threads, settings.clock, schedule=schedule)
+        return replace(own, schedule=amounts[max(stretched, default=0)])
 
     @property
     def free_threads(self) -> bool:

@@ -21,6 +21,7 @@ import torch
 
 from pursuit.plugins import reading
 from pursuit.validation import check
+from train.networks.distributions import are_probabilities
 from train.networks.seat import Seat
 from train.runs.forms import Exported
 from train.schemas import read_as
@@ -37,8 +38,6 @@ AGAIN = "export the policy again"
 ALLOWED = "give a smaller network, of operators of ONNX itself and with all tensors in the file"
 OBSERVATION = "give --observation (of an opponent --opponent-observation) of its training"
 """What can be done about a file."""
-DTYPES = {"float": "float32", "double": "float64"}
-"""Those of NumPy by their names in ONNX Runtime, where these differ."""
 
 
 class OnnxNetwork(torch.nn.Module):
@@ -60,8 +59,8 @@ class OnnxNetwork(torch.nn.Module):
         super().__init__()
         self.path, self.session, self.seat, inputs = path, session, seat, session.get_inputs()
         self.none = torch.nn.Parameter(torch.empty(0))  # policies ask it for the device
-        types = [each.type.removeprefix("tensor(").removesuffix(")") for each in inputs]
-        self.dtypes = {each.name: DTYPES.get(t, t) for each, t in zip(inputs, types, strict=True)}
+        types = {each.name: each.type.removeprefix("tensor(").removesuffix(")") for each in inputs}
+        self.dtypes = {name: "float32" if t == "float" else t for name, t in types.items()}
         sizes = [size for each in inputs[1:] for size in each.shape[-1:]]
         self.sizes = (*(size for size in sizes if isinstance(size, int)), 0)
         self.policy_memory = True if inputs[1:] and not seat.NO_MEMORY else None
@@ -89,8 +88,8 @@ class OnnxNetwork(torch.nn.Module):
             shapes = [each.shape for each in found]
             check(shapes == forms, f"outputs of shapes {shapes} instead of {forms}")
             chances, *memory = (np.asarray(each, np.float64) for each in found)
-            fit = (chances >= 0.0).all() and (abs(chances.sum(axis=1) - 1.0) < 1e-3).all()
-            check(bool(fit), "the first output is not probabilities; end it with a softmax")
+            fit = are_probabilities(chances)
+            check(fit, "the first output is not probabilities; end it with a softmax")
         except Exception as error:  # of the library
             what = f"{self.path}: failed for {rows} observations {self.seat.encoding!r}"
             raise ValueError(f"{what} ({_told(error)}); give those of its training") from None

@@ -195,10 +195,8 @@ class SingleAgent:
 
     def keep(self, folder: Path, name: str) -> None:
         """As `Trainee`."""
-        algorithm = self.parts.algorithm
-        learner = algorithm.policy_state(self.learner.state_dict())
-        named = {"algorithm": algorithm.name, "game": game_digest(self.parts.seat)}
-        write_kept(folder, name, {**named, "learner": learner})
+        parts = self.parts
+        write_kept(folder, name, parts.algorithm, parts.seat, self.learner.state_dict())
 
     def evaluate_kept(self, folder: Path, frames: int, episodes: int) -> Plain:
         """As `Trainee`: its score."""

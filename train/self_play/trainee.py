@@ -21,7 +21,7 @@ from train.runs.folder import (
     SELF_PLAY,
     SIDE,
     frames_name,
-    game_digest,
+    learned_state,
     load_checkpoint,
     save_checkpoint,
     save_config,
@@ -310,18 +310,11 @@ class SelfPlay:
         self.mixtures = state["mixtures"]
         self.payoffs.known = {(one, two): value for one, two, value in state["payoffs"]}
 
-    def _policy_state(self, side: Side) -> Plain:
-        """The policy of a side, as `check_learned` takes it."""
-        algorithm, learner = side.parts.algorithm, side.learner.state_dict() | side.snapshot()
-        named = {"algorithm": algorithm.name, "game": game_digest(side.parts.seat)}
-        return {**named, "learner": learner}
-
     def keep(self, folder: Path, name: str) -> None:
         """As `Trainee`: every side that learns."""
         for role, side in self.sides.items():
-            state = self._policy_state(side)
-            learner = side.parts.algorithm.policy_state(state["learner"])
-            write_kept(folder / role, name, state | {"learner": learner})
+            own, learner = side.parts, side.learner.state_dict() | side.snapshot()
+            write_kept(folder / role, name, own.algorithm, own.seat, learner)
 
     def evaluate_kept(self, folder: Path, frames: int, episodes: int) -> Plain:
         """As `Trainee`: the columns of an evaluation."""
@@ -341,7 +334,9 @@ class SelfPlay:
                 own.mkdir(exist_ok=True)
                 maze = self.settings.task.maze_text
                 save_config(own, SIDE, side_settings(self.settings, role), maze)
-            save_checkpoint(own, {"trainee": self._policy_state(side)})
+            learner = side.learner.state_dict() | side.snapshot()
+            state = learned_state(side.parts.algorithm.name, side.parts.seat, learner)
+            save_checkpoint(own, {"trainee": state})
         for pool in self.pools.values():
             pool.clean()
 

@@ -101,11 +101,6 @@ class RunSettings(Settings):
     `update` in results.json says which was used."""
 
     @property
-    def budget(self) -> float:
-        """The budget in its unit."""
-        return float(self.frames or self.seconds or 0.0)
-
-    @property
     def budget_unit(self) -> str:
         """The unit of the budget: frames or seconds."""
         return "seconds" if self.frames is None else "frames"
