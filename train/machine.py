@@ -47,8 +47,7 @@ def uses_bfloat16(precision: str, device: str) -> bool:
         import torch  # slow to import
 
         # Older cards only emulate it, slower than they compute in float32.
-        here = torch.cuda.is_available()
-        return here and torch.cuda.is_bf16_supported(including_emulation=False)
+        return torch.cuda.is_available() and torch.cuda.is_bf16_supported(including_emulation=False)
     return has_fast_bfloat16()
 
 

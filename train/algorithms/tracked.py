@@ -125,11 +125,9 @@ class TrackedLearner:
     def state_dict(self) -> StateDict:
         """The frames, and the policy where it was evaluated."""
         rows = [*self.network.seen.values()]
-        seen, returned = (
-            torch.from_numpy(np.array([row[part] for row in rows])) for part in (0, 1)
-        )
-        own = {"complete": self.complete, "frames": self.frames}
-        return {"observations": seen, "returned": returned, **own}
+        seen, returned = (np.array([row[part] for row in rows]) for part in (0, 1))
+        own = {"observations": torch.from_numpy(seen), "returned": torch.from_numpy(returned)}
+        return {**own, "complete": self.complete, "frames": self.frames}
 
     def load_state_dict(self, state: StateDict) -> None:
         """Restore the state."""

@@ -158,8 +158,8 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
         name: policy_of(settings.task, run, game.task, name, at=at.get(name))
         for name in settings.sides
     }
-    how = (given.episodes, ResultLimits().evaluated_work, evaluation_seed(seed_of(given)))
-    found = game.evaluate(Profile(players, ()), *how)
+    profile = Profile(players, (), seed=evaluation_seed(seed_of(given)))
+    found = game.evaluate(profile, given.episodes, ResultLimits().evaluated_work)
     content = {**game.describe_game(), "discount": game.discount, "evaluation": found}
     if isinstance(unknown := game.nash_conv(players), Missing):
         content["not_exact"] = unknown.reason

@@ -72,7 +72,6 @@ from train.files import Plain
 from train.networks.recurrent_policy import without_improbable
 from train.reports.curves import Panel
 from train.reports.tables import ResultTable, Row
-from train.settings.checks import EVALUATION_SEED
 from train.settings.self_play import OPPOSING_ROLES
 
 SHORT = 20
@@ -162,9 +161,7 @@ class MazeSides(Sides):
         """As of `Sides`: `discounted_steps`."""
         return discounted_steps(self.task, one, two, self.discount, PAIR_EPISODES, seed)
 
-    def evaluate(
-        self, profile: Profile, episodes: int, most: int = 0, seed: int = EVALUATION_SEED
-    ) -> dict[str, float]:
+    def evaluate(self, profile: Profile, episodes: int, most: int = 0) -> dict[str, float]:
         """As of `Sides`: exact exploitability where possible, and sides against scripted agents.
 
         Exploitability is in discounted steps, lengths are in steps: exact in a duel, and of a team
@@ -173,7 +170,7 @@ class MazeSides(Sides):
         task = self.task
         chaser, evader = (profile.policies[role] for role in OPPOSING_ROLES)
         row = exploited(task, chaser, evader, self.discount)
-        met = match(task, chaser, evader, episodes, most, seed)
+        met = match(task, chaser, evader, episodes, most, profile.seed)
         row["steps"] = met.steps
         if met.escaped is not None:
             row |= rates_of(met.caught, met.escaped, task.num_evaders)
@@ -181,7 +178,8 @@ class MazeSides(Sides):
             for role in profile.learning:
                 other = profile.scripted[name, other_role(role)]
                 one, two = (chaser, other) if role == "chaser" else (other, evader)
-                row[f"{role}_vs_{name}"] = match(task, one, two, episodes, most, seed).shown
+                result = match(task, one, two, episodes, most, profile.seed)
+                row[f"{role}_vs_{name}"] = result.shown
         return row
 
     def fields(self, row: Mapping[str, float]) -> list[str]:

@@ -171,27 +171,25 @@ class ReturnSides(Sides):
             **{f"{role}_gain": gain for role, gain in gains.items()},
         }
 
-    def evaluate(
-        self, profile: Profile, episodes: int, most: int = 0, seed: int = EVALUATION_SEED
-    ) -> dict[str, float]:
+    def evaluate(self, profile: Profile, episodes: int, most: int = 0) -> dict[str, float]:
         """As of `Sides`: NashConv where it is known, and returns, also against the first named
         policy."""
-        returns, steps = self.sampled(profile.policies, episodes, seed)
+        returns, steps = self.sampled(profile.policies, episodes, profile.seed)
         row = self.exact(profile.policies)
         for role, mean in zip(self.roles, returns.mean(axis=0).tolist(), strict=True):
             row.setdefault(f"{role}_return", mean)
-        row |= self.against_named(profile, episodes, seed)
+        row |= self.against_named(profile, episodes)
         row["steps"] = float(steps.mean())
         return row
 
-    def against_named(self, profile: Profile, episodes: int, seed: int) -> dict[str, float]:
+    def against_named(self, profile: Profile, episodes: int) -> dict[str, float]:
         """The return of every learning side where all others play the first named policy."""
         name, row = self.world.policy_names[0], {}
         for number, role in enumerate(self.roles):
             if role in profile.learning:
                 others = {other: profile.scripted[name, other] for other in self.roles}
                 played = {**others, role: profile.policies[role]}
-                row[f"{role}_vs_{name}"] = self.means(played, episodes, seed)[number]
+                row[f"{role}_vs_{name}"] = self.means(played, episodes, profile.seed)[number]
         return row
 
     def fields(self, row: Mapping[str, float]) -> list[str]:
@@ -395,14 +393,12 @@ class SmallGameSides(ReturnSides):
             row[f"{second}_exploitability"] = found.best[first] - value
         return row
 
-    def evaluate(
-        self, profile: Profile, episodes: int, most: int = 0, seed: int = EVALUATION_SEED
-    ) -> dict[str, float]:
+    def evaluate(self, profile: Profile, episodes: int, most: int = 0) -> dict[str, float]:
         """As of `ReturnSides`, all exact."""
         row = self.exact(profile.policies)
         tables = self.tables_of(profile.policies)
         row["steps"] = play_of(self.task.game, tables, self.task.max_steps).steps
-        return row | self.against_named(profile, episodes, seed)
+        return row | self.against_named(profile, episodes)
 
     def mixed_share(self) -> float | None:
         """As of `Sides`; in zero-sum games of two whose value is computed."""

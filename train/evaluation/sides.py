@@ -70,11 +70,13 @@ class Profile:
         policies: those that are evaluated, by side.
         learning: the sides that learn.
         scripted: others to compare with, by name and side.
+        seed: of the games of results that are not exact, a seed of evaluations.
     """
 
     policies: Policies
     learning: tuple[str, ...]
     scripted: Mapping[tuple[str, str], Any] = field(default_factory=dict)
+    seed: int = EVALUATION_SEED
 
 
 class PairResult(NamedTuple):
@@ -195,16 +197,13 @@ class Sides(ABC):
         `seed` is a seed of evaluations."""
 
     @abstractmethod
-    def evaluate(
-        self, profile: Profile, episodes: int, most: int = 0, seed: int = EVALUATION_SEED
-    ) -> dict[str, float]:
+    def evaluate(self, profile: Profile, episodes: int, most: int = 0) -> dict[str, float]:
         """The columns of an evaluation during training.
 
         Args:
             profile: the policies.
             episodes: of results that are not exact.
             most: the size of games of teams that are solved.
-            seed: of the games of results that are not exact, a seed of evaluations.
         """
 
     @abstractmethod

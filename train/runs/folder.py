@@ -84,12 +84,9 @@ def save_config(
     digest of the weights that it starts from, the settings of the final results, what "auto" meant
     where the run began, user-defined parts with hashes of their source, and the command."""
     plain = {"format": FORMAT, "kind": kind, **asdict(settings), "maze_text": maze_text}
-    if init_sha256 is not None:
-        plain["init_sha256"] = init_sha256
-    if final is not None:
-        plain[FINAL] = final.arguments()
-    # Beside the settings: these stay "auto" for a run that is resumed on another machine.
-    plain |= {} if resolved is None else {RESOLVED: resolved}
+    # `resolved` is beside the settings: these stay "auto" for a run resumed on another machine.
+    more = {"init_sha256": init_sha256, FINAL: msgspec.to_builtins(final), RESOLVED: resolved}
+    plain |= {name: value for name, value in more.items() if value is not None}
     write_json(folder / CONFIG, {**plain, PARTS: provenance(settings), COMMAND: command_line()})
 
 

@@ -102,8 +102,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         algorithm.check_team(seat)
         algorithm.check_memory(own.hyper, seat)
         more = (build_of(own), game, training, own.min_probability or 0.0, settings.average)
-        source = sources.get(role)
-        sides[role] = SideParts(seat, algorithm, own.hyper, *more, source)
+        sides[role] = SideParts(seat, algorithm, own.hyper, *more, sources.get(role))
     return SelfPlayParts(settings, game, sides, frozen, scripted)
 
 

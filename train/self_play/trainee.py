@@ -322,9 +322,8 @@ class SelfPlay:
         for role, side in self.sides.items():
             state = load_checkpoint(folder / role, frames)["trainee"]["learner"]
             policies[role] = side.evaluated(state)
-        profile = replace(self.profile, policies=policies)
-        most, seed = self.limits.evaluated_work, evaluation_seed(1)
-        return {**self.game.evaluate(profile, episodes, most, seed)}
+        profile = replace(self.profile, policies=policies, seed=evaluation_seed(1))
+        return {**self.game.evaluate(profile, episodes, self.limits.evaluated_work)}
 
     def save_beside(self, folder: Path) -> None:
         """Write every role as a separate policy, and delete snapshots that are in no pool."""
