@@ -243,8 +243,8 @@ def policy_at(folder: Path, at: int | str | None) -> Path:
     if at is None:
         return folder
     kept, frames = kept_policies(folder), -1.0
+    best = read_kept_list(run_of(folder)).best
     with contextlib.suppress(ValueError):
-        best = read_kept_list(run_of(folder)).best
         frames = float(best or -1 if at == BEST else at)
     if frames not in kept:
         names = [*map(str, kept)]
