@@ -20,6 +20,7 @@ from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
     CURVE,
+    KEPT,
     REPLAY,
     REPORT,
     RESULTS,
@@ -38,7 +39,7 @@ from train.runs.forms import Final, Longer
 from train.runs.loop import Budget, Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_parts, check_sources, command_line
-from train.runs.saved import from_plain
+from train.runs.saved import check_source, from_plain
 from train.runs.single import single_agent
 from train.runs.unused_settings import check_unused_settings, resolved_settings
 from train.self_play.parts import self_play_from_plain, self_play_parts, self_play_settings_of
@@ -119,6 +120,7 @@ def start(kind: str, settings: WholeSettings, path: Path | str, final: Final | N
     check(isinstance(settings, own.settings), f"settings={shortened(settings)}; give {NAMES[kind]}")
     path = as_path("path", path)
     check_new(path)
+    check_source(settings)
     parts = own.parts_of(settings)
     check_unused_settings(settings)
     lock = hold(path, "run", shared=True)
@@ -153,7 +155,10 @@ def read_settings(folder: Path | str) -> tuple[str, WholeSettings]:
     """The kind of a run and its settings; ValueError without a run, or for a side of self-play."""
     folder = Path(folder)
     kind, plain = read_config(folder)
-    check(kind in KINDS, f"{folder}: one side of self-play, not a whole run; give {folder.parent}")
+    whole = f"one side of self-play, not a whole run; give {folder.parent}"
+    if kind == KEPT:
+        whole = f"a policy that was kept; give its run, or start from it by --init-from {folder}"
+    check(kind in KINDS, f"{folder}: {whole}")
     check_parts(folder / CONFIG, plain)
     with reading(folder / CONFIG):
         return kind, KINDS[kind].from_plain(plain, str(folder / CONFIG))
@@ -187,10 +192,14 @@ def open_run(
     lock = hold(folder, "run", shared=True)
     remove_leftovers(folder)
     state = load_checkpoint(folder) if (folder / CHECKPOINT).exists() else None
-    longer = load_config(folder).longer
+    longer: Sequence[Longer] = load_config(folder).longer
     new = {n: value for n, value in (("frames", frames), ("seconds", seconds)) if value is not None}
+    check(
+        state is not None or not (folder / RESULTS).exists(),
+        f"{folder}: has results, but {CHECKPOINT} is missing; restore it from a copy",
+    )
     if new:
-        settings, longer = with_budget(folder, settings, longer, new, stretch)
+        settings, longer, new = with_budget(folder, settings, longer, new, stretch)
     if longer and state is not None:  # checkpoints of earlier versions do not have it
         state.setdefault("budget", longer[0].budget)
     if state is None:
@@ -209,8 +218,9 @@ def open_run(
 
 def with_budget(
     folder: Path, settings: WholeSettings, longer: Sequence[Longer], new: Plain, stretch: bool
-) -> tuple[WholeSettings, list[Longer]]:
-    """The settings with the new budget, and the list of such changes; ValueError as `open_run`."""
+) -> tuple[WholeSettings, Sequence[Longer], Plain]:
+    """The settings with the new budget, the list of such changes, and the new budget; nothing new
+    if it is the present one. ValueError as `open_run`."""
     check(
         isinstance(settings, RunSettings),
         f"{folder}: is a run of a comparison; its budget is that of the study file",
@@ -219,9 +229,12 @@ def with_budget(
     check([*new] == [unit], f"{folder}: its budget is in {unit}; give a longer one by --{unit}")
     changed: Any = replace(settings, **new)
     before, after = (Budget.of(each).amount for each in (settings, changed))
+    if after == before:  # the same command again, after an interruption
+        return settings, longer, {}
     check(
         after > before,
-        f"{folder}: {unit}={after:g} is not longer than its budget of {before:g} {unit}; give more",
+        f"{folder}: {unit}={after:,.10g} is less than its budget of {before:,.10g} {unit}; give "
+        "more, or leave it out to resume",
     )
     if not stretch and any(hyper.anneal for hyper in settings.learners):
         warnings.warn(
@@ -230,7 +243,7 @@ def with_budget(
             stacklevel=3,
         )
     digest = sha256_in(folder) if (folder / CHECKPOINT).exists() else None
-    return changed, [*longer, Longer(before, 0, stretch, digest, command_line())]
+    return changed, [*longer, Longer(before, 0, stretch, digest, command_line())], new
 
 
 def write_longer(run: Run, settings: WholeSettings, longer: Sequence[Longer]) -> None:

@@ -56,6 +56,8 @@ class Tracker:
         **settings: Any,
     ) -> None:
         flat: Plain = {**({"task": task} if isinstance(task, str) else task), **settings}
+        own = {"frames", "seconds", "algorithm"} & {*flat}
+        check(not own, f"{', '.join(own)}: a tracker records what is logged; leave it out")
         form = task_form(flat)
         flat["observation"] = observation or form.ENV_OBSERVATION
         with warnings.catch_warnings():
@@ -63,7 +65,7 @@ class Tracker:
             given = settings_of(**flat, algorithm="tracked", frames=1)
             self.run = cast("Run[SingleAgent]", start(RUN, given, out))
         self.trainee = self.run.trainee
-        self.settings, self.began = given, perf_counter()
+        self.settings, self.began, self.closed = given, perf_counter(), False
 
     @property
     def frames(self) -> int:
@@ -87,8 +89,9 @@ class Tracker:
         """
         run, trainee = self.run, self.trainee
         learner: Any = trainee.learner
+        check(not self.closed, f"{run.folder}: this tracker is closed; use a new one")
         check(
-            is_int(frames) and frames > learner.frames,
+            is_int(frames) and learner.frames < frames < 2**53,
             f"frames={frames!r} after {learner.frames}; give the steps so far, a larger number",
         )
         run.seconds += perf_counter() - self.began
@@ -115,7 +118,7 @@ class Tracker:
 
     def close(self) -> None:
         """Write `results.json` with the references, if a policy was logged, and free the folder."""
-        self.trainee.policy = self.trainee.learner.policy()
+        self.closed, self.trainee.policy = True, self.trainee.learner.policy()
         if self.run.rows:
             self.run.results(FINAL)
         if self.run.lock is not None:

@@ -63,9 +63,28 @@ class TrackedNetwork(nn.Module):
     def answer(self, observations: NDArray[Any]) -> NDArray[np.float64]:
         """[n, actions] float64 of [n, *shape]: probabilities, or turns of joints.
 
+        Each observation is asked once, so that all results are of one policy.
+
         Raises:
-            ValueError: the function failed, or returned anything else.
+            ValueError: the function failed, or returned anything else; or it draws its actions.
         """
+        keys = [row.tobytes() for row in observations]
+        new = [place for place, key in enumerate(keys) if key not in self.seen]
+        if new:
+            asked = observations[new]
+            found = self._asked(asked)
+            fixed = bool(self.seen) or np.allclose(found, self._asked(asked), atol=1e-3)
+            check(
+                fixed,
+                "the policy answers the same observations differently; give probabilities, or "
+                "actions that are not drawn (predict(..., deterministic=True))",
+            )
+            pairs = zip(new, asked, found, strict=True)
+            self.seen |= {keys[place]: (row, own) for place, row, own in pairs}
+        return np.array([self.seen[key][1] for key in keys])
+
+    def _asked(self, observations: NDArray[Any]) -> NDArray[np.float64]:
+        """What the function returns, checked."""
         try:
             found = np.asarray(self.function(observations))
         except NotSavedError:
@@ -90,9 +109,7 @@ class TrackedNetwork(nn.Module):
         if not continuous:
             fits, rule = are_probabilities(found), "probabilities of sum 1"
         check(fits, f"the policy returned numbers that are no {rule}; mend it")
-        found = found.astype(np.float64)
-        self.seen |= {o.tobytes(): (o, own) for o, own in zip(observations, found, strict=True)}
-        return found
+        return found.astype(np.float64)
 
 
 class TrackedLearner:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from pursuit.plugins import reading
-from pursuit.validation import check
+from pursuit.validation import check, shortened
 from train.commands.help import grouped, values_in
 from train.commands.parse import names_in, options_in, take_allow_options
 from train.files import read_toml
@@ -26,6 +26,8 @@ T = TypeVar("T")
 OF_ONE_COMMAND = ("out", "resume", "stretch", "config", "print_config")
 """Options that files do not hold."""
 BUDGET = {"seconds", "frames"}
+LISTED_AS_TEXT = ("exits", "log", "curriculum_mazes")
+"""Options that take several values as one text with commas."""
 
 
 def with_config(arguments: Sequence[str], parsed: Callable[[Sequence[str]], T]) -> T:
@@ -42,10 +44,10 @@ def with_config(arguments: Sequence[str], parsed: Callable[[Sequence[str]], T]) 
         own, alone = (arguments_in(path, names) for names in (names_in(given), ()))
         try:
             return parsed([*own, *given])
-        except ValueError:
+        except ValueError as error:
             with read_from(path, "correct this file"):
                 parsed(alone)
-            raise
+            raise ValueError(f"{error}; these options do not fit the settings in {path}") from None
 
 
 def arguments_in(path: Path, given: Collection[str]) -> list[str]:
@@ -59,6 +61,13 @@ def arguments_in(path: Path, given: Collection[str]) -> list[str]:
         if not replaced.isdisjoint((name, own, side)):
             continue
         words = value if isinstance(value, list) else [value]
+        kinds = {type(each) for each in words}
+        check(
+            kinds <= {str, int, float} or isinstance(value, bool),
+            f"{path}: {name} = {shortened(value)}; give text, a number, true, false, or a list",
+        )
+        if name in LISTED_AS_TEXT:
+            words = [",".join(map(str, words))]
         flag = f"--{side}{dot}{'' if value else 'no_'}{own}"
         found += [flag] if isinstance(value, bool) else [f"--{name}", *map(str, words)]
     return found

@@ -95,6 +95,8 @@ def league(arguments: Sequence[str]) -> None:
         teams_table,
     )
 
+    runs = any(path.is_dir() for path in map(Path, names))
+    check(runs or not given.at, "--at is for runs, but none is entered; leave it out")
     if given.game is not None:
         of_mazes = ("maze", "opponent_epsilon", "model_roles", "model_observations")
         check_default(given, LeagueCommand, of_mazes, "it is for games in mazes")

@@ -247,7 +247,8 @@ def print_end(files: str, folder: Path, content: Plain) -> None:
 
     if best := content.get("best"):
         aim, frames = content["objective"], f"{best['frames']:,}"
-        how = "exact" if best.get("exact") else "on other starts than those that chose it"
+        exact = best.get("exact", aim["column"] == "nash_conv")
+        how = "exact" if exact else "on other starts than those that chose it"
         value = f"{aim['column']} {best[aim['column']]:.4g} ({how})"
         print(f"best kept policy: at {frames} frames, {value}; use it by --at best")
     print(f"{files}: {folder}")

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from pursuit.validation import as_path, check, need
 from pursuit.version import __version__
+from train.algorithms.tracked import TrackedNetwork
 from train.files import write_bytes
 from train.networks.frames import FrameStack
 from train.networks.joint_policy import JointPolicy
@@ -140,6 +141,10 @@ def export_policy(policy: Any, path: Path | str) -> Path:
     )
     path = as_path("path", path)
     check(path.suffix in SUFFIXES, f"{path}: give a file that ends in .onnx or .pt2")
+    check(
+        not isinstance(getattr(policy, "network", None), TrackedNetwork),
+        "a tracked policy is a function of another program; export it there",
+    )
     whole = function_of(policy)
     seen = getattr(policy.seat, "seen", policy.seat.features)  # one observation of a stack
     form, size = torch.from_numpy(seen.high[:0]).dtype, getattr(whole, "size", 0)

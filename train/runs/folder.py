@@ -244,12 +244,12 @@ def policy_at(folder: Path, at: int | str | None) -> Path:
         return folder
     kept, frames = kept_policies(folder), -1.0
     best = read_kept_list(run_of(folder)).best
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError, TypeError):
         frames = float(best or -1 if at == BEST else at)
     if frames not in kept:
         names = [*map(str, kept)]
         names = names if len(names) <= 10 else [*names[:4], "...", *names[-4:]]
-        have = f"policies of {', '.join(names)} frames; give one of them"
+        have = f"policies of {', '.join(names)} frames; give one of them" + ", or best" * bool(best)
         none = "no policies; leave at out, or train with --checkpoints"
         raise ValueError(f"{folder}: at={at!r}, but it keeps {have if kept else none}")
     return kept[int(frames)]

@@ -20,7 +20,7 @@ from train.machine import uses_bfloat16
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
 from train.runs.logs import logs_of
-from train.runs.saved import learning_seat, unchecked_settings
+from train.runs.saved import check_source, learning_seat, unchecked_settings
 from train.runs.worlds import contest_of as contest_of
 from train.runs.worlds import task_world_of
 from train.settings.algorithms import Hyperparameters
@@ -210,6 +210,7 @@ def settings_of(**flat: Any) -> AgentSettings:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
     settings = unchecked_settings(**flat)
+    check_source(settings)
     parts_of(settings)
     return settings
 

@@ -32,7 +32,7 @@ from train.settings.reading import (
     typed,
 )
 from train.settings.run import AgentSettings, TrainSettings
-from train.settings.self_play import sides_in
+from train.settings.self_play import WholeSettings, sides_in
 from train.settings.task_form import task_form
 
 MOST_JOINT = 4096
@@ -101,6 +101,12 @@ def load_settings(folder: Path | str) -> AgentSettings:
     check_sources(folder / CONFIG, plain)
     with reading(folder / CONFIG):
         return from_plain(plain, str(folder / CONFIG))
+
+
+def check_source(settings: WholeSettings) -> None:
+    """ValueError unless there is a run for `init_from`, which only a new run needs."""
+    if settings.init_from is not None:
+        read_config(Path(settings.init_from))
 
 
 def evaluated_settings(folder: Path | str, others: bool = False) -> AgentSettings:

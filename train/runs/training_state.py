@@ -17,6 +17,7 @@ from train.files import Plain
 from train.runs.folder import MISFITS, check_learned, load_checkpoint
 from train.runs.parts import Parts
 from train.runs.saved import load_settings
+from train.settings.algorithms import Hyperparameters
 from train.teaching.teacher import Teacher
 
 if TYPE_CHECKING:  # slow to import
@@ -52,7 +53,7 @@ def build_env_and_learner(
         env.resume = True
     learner = build_learner(parts.algorithm, parts.hyper, env, parts.build)
     if state is None:
-        start_weights(learner, parts.settings.init_from)
+        start_weights(learner, parts.hyper, parts.settings.init_from)
     else:
         found, needed = set(state["learner"]), set(learner.state_dict())
         check(found == needed, f"the learner's state has {sorted(found)}, not {sorted(needed)}")
@@ -60,15 +61,20 @@ def build_env_and_learner(
     return env, teacher, learner
 
 
-def start_weights(learner: Learner, source: str | None) -> None:
+def start_weights(learner: Learner, hyper: Hyperparameters, source: str | None) -> None:
     """Give a new learner the weights of the saved policy in the folder `source`; None for none.
+
+    Args:
+        learner: new.
+        hyper: its hyperparameters.
+        source: the folder.
 
     Raises:
         ValueError: there is no policy, or one with another network.
     """
     if source is None:
         return
-    load_settings(source)  # it is a policy, whose parts are allowed
+    before = load_settings(source)  # it is a policy, whose parts are allowed
     state = load_checkpoint(source)["trainee"]["learner"]
     here, there = (
         {name: tuple(weights.shape) for name, weights in each.get("network", {}).items()}
@@ -78,8 +84,13 @@ def start_weights(learner: Learner, source: str | None) -> None:
     where = f"init_from={source!r}: its network does not fit"
     remedy = "give a run with the same observation, network and width, or change these here"
     for name in other[:1]:
-        sizes = f"there {there.get(name, 'missing')}, here {here.get(name, 'missing')}"
+        sizes = f"{there.get(name, 'missing')} there and {here.get(name, 'missing')} here"
         raise ValueError(f"{where}: {name} is {sizes}; {remedy}")
+    activations = [getattr(each, "activation", None) for each in (before.hyper, hyper)]
+    check(
+        activations[0] == activations[1],
+        f"{where}: activation is {activations[0]} there and {activations[1]} here; give the same",
+    )
     try:
         learner.start_from(state)
     except MISFITS as error:

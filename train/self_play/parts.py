@@ -12,11 +12,12 @@ from train.algorithms.registry import entry
 from train.evaluation.sides import Sides
 from train.families import family_of
 from train.files import Plain
+from train.runs.folder import CONFIG
 from train.runs.forms import RESTORE
 from train.runs.logs import logs_of
 from train.runs.opponents import is_self_play, policy_of
 from train.runs.parts import build_of, check_sizes
-from train.runs.saved import agent_seat, learning_seat, load_settings
+from train.runs.saved import agent_seat, check_source, learning_seat, load_settings
 from train.runs.worlds import task_world_of
 from train.self_play.learners import given_sides, sides_of, unchecked_self_play
 from train.self_play.side import SideParts, usual_least
@@ -110,7 +111,7 @@ def sources_of(settings: SelfPlayBase) -> dict[str, str]:
     """By role the folder of the policy whose weights a side starts from; ValueError if `init_from`
     has none of a side that learns."""
     source = settings.init_from
-    if source is None:
+    if source is None or not (Path(source) / CONFIG).exists():  # a resumed run does not need it
         return {}
     if is_self_play(Path(source)):
         found = {role: f"{source}/{role}" for role in settings.learning}
@@ -209,6 +210,7 @@ def self_play_settings_of(**flat: Any) -> SelfPlayBase:
         ValueError: an unknown name, a value of the wrong type, or one that is not allowed.
     """
     settings = unchecked_self_play(**flat)
+    check_source(settings)
     self_play_parts(settings)
     return settings
 

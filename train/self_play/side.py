@@ -175,7 +175,7 @@ class Side:
             self.env.resume = True
         self.learner: Learner = build_learner(parts.algorithm, parts.hyper, self.env, parts.build)
         if state is None:
-            start_weights(self.learner, parts.source)
+            start_weights(self.learner, parts.hyper, parts.source)
         # Those of the learner itself: its states are loaded in place.
         self.weights: dict[str, torch.Tensor] = dict(self.learner.state_dict()["network"])
         self.average, self.iterations = self._copied(), 0

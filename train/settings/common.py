@@ -82,7 +82,9 @@ class RunSettings(Settings):
     checkpoints: Annotated[int, rule(lambda value: 0 <= value <= 1000, "give 0 to 1000")] = 0
     """Policies that are kept through the run, at equal shares of the budget: with 4 at 25, 50, 75
     and 100 %. They are evaluated there, and commands read them by --at."""
-    init_from: str | None = None
+    init_from: Annotated[
+        str | None, rule(lambda value: value != "", "give a folder, or leave it out")
+    ] = None
     """The folder of a run whose weights the new run starts from, with its own settings, optimiser
     and seed; also of one side of self-play, or of a kept policy such as
     runs/first/checkpoints/000200000. In self-play the weights of all sides, or of one."""

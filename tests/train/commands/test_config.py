@@ -182,3 +182,21 @@ def test_a_run_prints_and_stores_what_auto_means(
     assert f"auto: {line}\n" in capsys.readouterr().out
     assert "resolved" not in read_config(tmp_path / "run")[1]
     open_run(tmp_path / "run").lock.release()
+
+
+def test_lists_stand_for_texts_with_commas(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('task = "escape"\nexits = [3, 5]\nlog = ["tensorboard"]\n')
+    settings = settings_in("train", ["--config", str(path)])
+    assert (settings.task.exits, settings.log) == ("3,5", "tensorboard")
+
+
+def test_a_printed_file_with_another_game_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(printed(capsys, "train", "--maze", "3x3"))
+    text = error_of(capsys, "train", "--config", path, "--task", "reacher", longest=2000)
+    assert f"these options do not fit the settings in {path}" in text
+    path.write_text("view_radius = { chaser = 2 }\ngame = { a = [1] }\n")
+    assert f"{path}: " in error_of(capsys, "train", "--config", path)

@@ -469,6 +469,42 @@ def test_schedules_keep_their_end_or_extend_over_the_new_budget(kind: str, tmp_p
     assert 1.0 <= shares[0] < 1.1
 
 
+def test_the_same_longer_budget_again_goes_on_and_less_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    start(RUN, tiny("ppo", **CHASER, anneal=False), folder).train()
+    with pytest.raises(KilledError):
+        carry_on(resume(folder, RUN, frames=3 * FRAMES), 0.6, kill)
+    resume(folder, RUN, frames=3 * FRAMES).train()
+    assert len(load_config(folder).longer) == 1
+    for bad, message in (
+        ({"frames": 2 * FRAMES}, "frames=1,800 is less than its budget of 2,700 frames"),
+        ({"seconds": 9.0}, "its budget is in frames; give a longer one by --frames"),
+        ({"stretch": True}, "--stretch needs a longer budget"),
+    ):
+        before = (folder / "config.json").read_bytes()
+        with pytest.raises(ValueError, match=message):
+            resume(folder, RUN, **bad)
+        assert (folder / "config.json").read_bytes() == before
+    kept = next(iter(kept_policies(folder).values()))
+    with pytest.raises(ValueError, match="a policy that was kept; give its run, or start from it"):
+        resume(kept, RUN, frames=9 * FRAMES)
+
+
+@pytest.mark.parametrize("kind", [RUN, SELF_PLAY])
+def test_a_run_with_results_but_without_a_checkpoint_is_not_begun_again(
+    kind: str, tmp_path: Path
+) -> None:
+    settings = tiny("ppo", **CHASER) if kind == RUN else both()
+    run = start(kind, settings, tmp_path)
+    run.train()
+    run.results(episodes=5)
+    (tmp_path / "checkpoint.pt").unlink()
+    before = (tmp_path / "metrics.csv").read_bytes()
+    with pytest.raises(ValueError, match=r"has results, but checkpoint\.pt is missing; restore"):
+        resume(tmp_path, kind, frames=4 * settings.frames)
+    assert (tmp_path / "metrics.csv").read_bytes() == before
+
+
 def test_a_budget_in_seconds_is_extended(tmp_path: Path) -> None:
     settings = replace(tiny("ppo", **CHASER, anneal=False), frames=None, seconds=0.05)
     start(RUN, settings, tmp_path / "run").train()
@@ -546,13 +582,24 @@ def test_weights_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         "width": {"width": 16},
         "maze": {"maze": "5x5"},
         "dqn": {"algorithm": "dqn"},
+        "activation": {"activation": "tanh"},
         "table": {"algorithm": "q_learning"},
     }.items():
         given = {"algorithm": "ppo", **CHASER, **flat, "init_from": str(source)}
         with pytest.raises(ValueError, match=r"init_from='.*source': its network does not fit"):
             start(RUN, tiny(given.pop("algorithm"), **given), tmp_path / name)
-    with pytest.raises(ValueError, match="no run here"):
-        start(RUN, tiny("ppo", **CHASER, init_from=str(tmp_path)), tmp_path / "none")
+    for kind, given in ((RUN, {"algorithm": "ppo", **CHASER}), (SELF_PLAY, {"maze": "3x3"})):
+        make = settings_of if kind == RUN else self_play_settings_of
+        with pytest.raises(ValueError, match="no run here"):
+            make(**given, frames=900, init_from=str(tmp_path / "nowhere"))
+    with pytest.raises(ValueError, match="init_from=; give a folder, or leave it out"):
+        settings_of(frames=900, init_from="")
+    # A run that has begun does not need its source.
+    gone = start(RUN, tiny("ppo", **CHASER, init_from=str(source)), tmp_path / "gone")
+    gone.train()
+    source.rename(tmp_path / "elsewhere")
+    assert resume(tmp_path / "gone", RUN).is_trained
+    (tmp_path / "elsewhere").rename(source)
     with pytest.raises(ValueError, match="has no policy of evader"):
         start(SELF_PLAY, both(chaser="astar", init_from=str(source)), tmp_path / "other")
 

@@ -167,3 +167,31 @@ def test_what_does_not_fit_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert "only its actions where it was evaluated are saved" in text
     with pytest.raises(ValueError, match="contains a run already"):
         pursuit.Tracker("chase", tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    "game", [{"task": "chase", "maze": "3x3"}, {"task": "heist", "maze": "3x3"}]
+)
+def test_a_policy_that_draws_its_actions_is_refused(game: dict[str, Any], tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    tracker = pursuit.Tracker(game, tmp_path / "run", checkpoints=1)
+    with pytest.raises(ValueError, match="answers the same observations differently; give prob"):
+        tracker.log(10, lambda seen: rng.integers(4, size=len(seen)))
+    row = tracker.log(10, lambda seen: (np.abs(seen).sum(axis=1) * 7).astype(int) % 4)
+    tracker.close()
+    assert [each["frames"] for each in read_metrics(tmp_path / "run")] == [10]
+    column = load_results(tmp_path / "run")["objective"]["column"]
+    found = load_results(tmp_path / "run")["evaluation"][column]
+    assert found == pytest.approx(row[column], rel=0.2)  # 500 and 1000 episodes of a heist
+    with pytest.raises(ValueError, match="this tracker is closed; use a new one"):
+        tracker.log(20, uniform(4))
+    with pytest.raises(ValueError, match="export it there"):
+        pursuit.export_policy(pursuit.load_policy(tmp_path / "run"), tmp_path / "x.onnx")
+
+
+def test_frames_have_a_limit(tmp_path: Path) -> None:
+    tracker = pursuit.Tracker("chase", tmp_path / "run", maze="3x3")
+    with pytest.raises(ValueError, match="give the steps so far"):
+        tracker.log(10**30, uniform(4))
+    tracker.close()
+    assert not (tmp_path / "run" / "metrics.csv").exists()
