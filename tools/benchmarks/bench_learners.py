@@ -115,7 +115,7 @@ def measure(case: Case, seed: int = 0) -> Measured:
         trainee, warm, began = run.trainee, 0, process_time()
         while trainee.frames < case.frames:
             progress = trainee.frames / case.frames
-            trainee.iterate(SimpleNamespace(progress=progress, seconds=0.0))
+            trainee.iterate(SimpleNamespace(progress=progress, scheduled=progress, seconds=0.0))
             if not warm:  # the first iteration compiles kernels
                 warm, began = trainee.frames, process_time()
         seconds = process_time() - began

@@ -191,7 +191,7 @@ def settings_of(**flat: Any) -> AgentSettings:
             `--curriculum NAME`.
             The budget, one of: seconds, frames.
             The run: algorithm, preset, seed, clock, evaluate, device, precision, fused, threads,
-            processes.
+            processes, checkpoints, init_from, log.
             The network: observation, network, frame_stack, min_probability.
             A task in mazes: task, role, maze, num_chasers, num_evaders, num_runners, num_goals,
             max_steps, stay_action, move_order, start, min_start_distance, capture, n_catch,

@@ -131,7 +131,10 @@ def enter(
     title = dict(zip(names, entry_names(names, policies.is_named, called), strict=True))
     models = [name for name in names if is_model(name, policies)]
     runs = [name for name in names if not policies.is_named(name) and name not in models]
-    given.check_league([name for name in names if policies.is_named(name)])
+    try:
+        given.check_league([name for name in names if policies.is_named(name)])
+    except ValueError as error:
+        raise ValueError(f"{first}: {error}" if first else str(error)) from None
     roles = given.sides
     check(
         len(roles) == 2,

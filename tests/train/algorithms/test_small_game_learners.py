@@ -50,7 +50,7 @@ ALONE = [
     if "discrete" in algorithm.actions
     and not algorithm.settings.SELF_PLAY_ONLY
     and not algorithm.own_loop
-    and name not in OF_TEAMS
+    and name not in (*OF_TEAMS, "tracked")
 ]
 TOGETHER = [n for n, a in ALGORITHMS.items() if a.self_play and n not in OF_TEAMS]
 

@@ -175,7 +175,7 @@ FORMS = [
     "self-play --game soccer",
 ]
 APPLIED = {"--help", "--resume", "--episodes", "--exact-seconds", "--report", "--no-report"}
-APPLIED |= {"--allow", "--help-all", "--frames", "--seconds", "--stretch"}
+APPLIED |= {"--allow", "--help-all", "--frames", "--seconds", "--stretch", "--quiet"}
 
 
 @pytest.mark.parametrize("form", FORMS)
