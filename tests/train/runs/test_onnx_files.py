@@ -446,7 +446,11 @@ def test_metadata_that_is_wrong_is_refused(
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("index", ("--maze", "4x4"), "was trained in maze 3x3, not in 4x4; use that maze"),
+        (
+            "index",
+            ("--maze", "4x4-tree"),
+            "was trained in maze 3x3, not in 4x4-tree; use",
+        ),
         ("index", ("--maze", "3x3", "--role", "evader"), "is a policy for 'chaser', not for"),
         ("index", ("--maze", "3x3", "--stay-action"), "was trained with stay_action=False"),
         ("index", ("--task", "reacher"), "an arm has no other agents"),
