@@ -16,6 +16,7 @@ from pursuit.plugins import reading
 from pursuit.validation import as_path, check, one_of, shortened
 from scripted_agents.exact.long_work import Tell
 from train.files import Plain, hold, read_json, remove_leftovers, write_json
+from train.runs.budget import Budget
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -36,7 +37,7 @@ from train.runs.folder import (
     sha256_in,
 )
 from train.runs.forms import Final, Longer
-from train.runs.loop import Budget, Run, build_parts, build_run
+from train.runs.loop import Run, build_parts, build_run
 from train.runs.parts import parts_of, settings_of
 from train.runs.provenance import check_parts, check_sources, command_line
 from train.runs.saved import check_source, from_plain
@@ -198,6 +199,7 @@ def open_run(
         state is not None or not (folder / RESULTS).exists(),
         f"{folder}: has results, but {CHECKPOINT} is missing; restore it from a copy",
     )
+    check(bool(new) or not stretch, "--stretch needs a longer budget; add --frames or --seconds")
     if new:
         settings, longer, new = with_budget(folder, settings, longer, new, stretch)
     if longer and state is not None:  # checkpoints of earlier versions do not have it
@@ -289,7 +291,6 @@ def resume(folder: Path | str, kind: str, stretch: bool = False, **longer: Any) 
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}, or go on with a longer "
         f"one: --resume {folder} --frames or --seconds",
     )
-    check(bool(longer) or not stretch, "--stretch needs a longer budget; add --frames or --seconds")
     return open_run(folder, stretch=stretch, **longer)
 
 

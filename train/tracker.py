@@ -18,6 +18,7 @@ from train.runs.folder import RUN
 from train.runs.parts import settings_of
 from train.runs.single import SingleAgent
 from train.settings.checks import evaluation_seed
+from train.settings.reading import names_of
 from train.settings.task_form import task_form
 
 if TYPE_CHECKING:
@@ -56,9 +57,9 @@ class Tracker:
         **settings: Any,
     ) -> None:
         flat: Plain = {**({"task": task} if isinstance(task, str) else task), **settings}
-        own = {"frames", "seconds", "algorithm"} & {*flat}
-        check(not own, f"{', '.join(own)}: a tracker records what is logged; leave it out")
         form = task_form(flat)
+        other = {*flat} - {*names_of(form), "observation", "seed", "checkpoints", "log"}
+        check(not other, f"{', '.join(other)}: a tracker records what is logged; leave it out")
         flat["observation"] = observation or form.ENV_OBSERVATION
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "frames=1 ")  # the frames are those that are logged
@@ -94,7 +95,8 @@ class Tracker:
             is_int(frames) and learner.frames < frames < 2**53,
             f"frames={frames!r} after {learner.frames}; give the steps so far, a larger number",
         )
-        run.seconds += perf_counter() - self.began
+        spent = perf_counter() - self.began
+        run.seconds += spent
         before = learner.frames, learner.network
         learner.frames, learner.network = int(frames), TrackedNetwork(learner.seat, policy)
         trainee.policy = learner.policy()
@@ -110,6 +112,7 @@ class Tracker:
                 run.evaluate()
         except ValueError:
             learner.frames, learner.network = before
+            run.seconds -= spent
             raise
         learner.load_state_dict(learner.state_dict())
         write_config(RUN, replace(self.settings, frames=int(frames)), run.folder)

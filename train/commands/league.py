@@ -156,7 +156,7 @@ def league(arguments: Sequence[str]) -> None:
 
 
 def headline(place: str, max_steps: int, table: LeagueTable) -> str:
-    """What the payoffs are, and of whom."""
+    """What the payoffs are, and of which policies."""
     exact = "exact" if not table.ci95.any() else "± is the 95 % interval"
     first, second = table.roles
     unit = table.measure.unit

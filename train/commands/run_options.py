@@ -45,7 +45,10 @@ class RunCommand:
 def check_resumed(arguments: Sequence[str]) -> None:
     """Refuse options beside --resume that a resumed run does not apply; ValueError naming them."""
     given = options_in(arguments)
-    if given.get("resume", "None") in ("None", "") or asks_help(arguments):
+    if asks_help(arguments):
+        return
+    if given.get("resume", "None") in ("None", ""):
+        check("stretch" not in given, "--stretch is for --resume RUN with a longer budget")
         return
     applied = {"resume", "episodes", "exact_seconds", "report", "no_report", "allow"}
     applied |= {"frames", "seconds", "stretch", "quiet"}

@@ -53,6 +53,8 @@ def view(arguments: Sequence[str]) -> None:
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
     check_new_files([given.out], given.overwrite)
+    runs = any(path.is_dir() for path in given.paths)
+    check(runs or given.at is None, "--at is for runs, but only replays are given; leave it out")
     from train.runs.folder import KEPT, SIDE, read_config
 
     alone = len(given.paths) == 1 and given.paths[0].is_dir() and given.at is None

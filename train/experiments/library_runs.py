@@ -25,9 +25,10 @@ from train.evaluation.scores import BY_STEPS, optimality_gap
 from train.experiments.study import Table, check_budget
 from train.files import Plain
 from train.kinds import KINDS, Kind
+from train.runs.budget import Budget
 from train.runs.folder import load_config
 from train.runs.forms import RESTORE
-from train.runs.loop import Budget, Run, build_parts, build_run, evenly
+from train.runs.loop import Run, build_parts, build_run, evenly
 from train.runs.parts import Parts, parts_of
 from train.runs.single import SingleAgent
 from train.runs.threads import prepare_torch

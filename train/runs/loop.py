@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Generic
@@ -16,10 +17,10 @@ import torch
 from filelock import BaseFileLock
 from typing_extensions import TypeVar  # with defaults, which Python has from 3.13 on
 
-from pursuit.compilation.compiler import now_without_compilation
 from scripted_agents.exact.long_work import Tell, in_time
 from train.files import Plain, write_csv, write_json
 from train.machine import machine, versions
+from train.runs.budget import Budget
 from train.runs.folder import (
     CHECKPOINT,
     CONFIG,
@@ -37,7 +38,6 @@ from train.runs.folder import (
     read_metrics,
     save_checkpoint,
 )
-from train.runs.forms import Longer
 from train.runs.interruption import Diverged, Signals, Stopped
 from train.runs.logs import Logs
 from train.runs.provenance import recorded_parts
@@ -57,61 +57,6 @@ BRIEF_EPISODES, BRIEF_STEPS = 2, 2
 
 EVALUATIONS = 20
 """Number of evaluations, each with a checkpoint, over the budget."""
-
-
-@dataclass(frozen=True)
-class Budget:
-    """The budget of a run: seconds of training, or frames; and torch's threads.
-
-    A run ends with the iteration that reaches its budget; with `within` before the one that would
-    exceed it, if that takes as long as the last one.
-
-    With 0 threads and a budget in seconds, one or all threads are used, whichever is faster.
-    Seconds are wall time, or the processor time of this process (`clock` "processor"), which
-    depends less on other programs and includes the time of all threads. The compilation of kernels
-    does not count: it happens once per machine.
-
-    Schedules extend over `schedule`, in the unit of the budget; None for the whole budget.
-    """
-
-    seconds: float | None
-    frames: int | None
-    threads: int = 0
-    clock: str = "wall"
-    within: bool = False
-    schedule: float | None = None
-
-    @classmethod
-    def of(cls, settings: WholeSettings, longer: Sequence[Longer] = ()) -> Budget:
-        """The budget in the settings of a run that was extended so often."""
-        own = cls(settings.seconds, settings.frames, settings.fixed_threads, settings.clock)
-        amounts = [*(each.budget for each in longer), own.amount]
-        stretched = [number for number, each in enumerate(longer, 1) if each.stretch]
-        return replace(own, schedule=amounts[max(stretched, default=0)])
-
-    @property
-    def free_threads(self) -> bool:
-        """Whether torch's threads are chosen during the run, for a budget of wall time."""
-        return self.seconds is not None and self.threads == 0
-
-    @property
-    def amount(self) -> float:
-        """The budget in its unit."""
-        return float(self.frames or self.seconds or 0.0)
-
-    def now(self) -> float:
-        """The current time of the budget's clock, in seconds."""
-        return now_without_compilation(self.clock)
-
-    def progress(self, seconds: float, frames: int) -> float:
-        """The share of the budget that these are; above 1 if they exceed it."""
-        return frames / self.frames if self.frames is not None else seconds / (self.seconds or 1.0)
-
-    def scheduled(self, seconds: float, frames: int) -> float:
-        """The share of the schedules that these are; above 1 where they keep their end."""
-        if self.schedule is None:
-            return min(self.progress(seconds, frames), 1.0)
-        return (seconds if self.frames is None else frames) / self.schedule
 
 
 def evenly(count: int) -> list[float]:
@@ -242,7 +187,7 @@ class Run(Generic[T]):
             Stopped: after a signal, a kind of `KeyboardInterrupt`.
         """
 
-        def told(run: Run[T], row: dict[str, float]) -> None:
+        def report_and_call(run: Run[T], row: dict[str, float]) -> None:
             report(run, row)
             if row:
                 callback(run)
@@ -250,7 +195,7 @@ class Run(Generic[T]):
         closing = contextlib.closing
         with Signals() as signals, closing(self.trainee), closing(self.open_logs()):
             try:
-                self._train(signals, told)
+                self._train(signals, report_and_call)
             except Stopped:
                 # After a second signal the learner may be in the middle of an iteration.
                 if signals.count == 1 and self.trainee.frames > self.saved_frames:
@@ -434,8 +379,11 @@ class Run(Generic[T]):
         def evaluated() -> Plain:
             found = trainee.results(episodes)
             if best is not None:
-                found["best"] = {"frames": best}
-                found["best"] |= trainee.evaluate_kept(self.folder, best, episodes)
+                try:
+                    kept = trainee.evaluate_kept(self.folder, best, episodes)
+                    found["best"] = {"frames": best, **kept}
+                except ValueError as error:  # deleted since, or damaged
+                    warnings.warn(f"{error}; results.json has no best policy", stacklevel=2)
             return found
 
         found, limit = in_time(evaluated, exact_seconds, tell)

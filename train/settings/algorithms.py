@@ -403,7 +403,7 @@ class TrackedSettings(Hyperparameters):
     num_games: Count = 1
     """No games are simulated for learning."""
     gamma: Share = 1.0
-    """Has no effect."""
+    """Discount of the objective gap in results."""
 
 
 HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {

@@ -28,6 +28,7 @@ from train.commands import progress
 from train.experiments.identity import fingerprint
 from train.files import hold
 from train.kinds import open_run, read_settings, start
+from train.runs.budget import Budget
 from train.runs.folder import (
     RUN,
     SELF_PLAY,
@@ -37,7 +38,7 @@ from train.runs.folder import (
     read_metrics,
 )
 from train.runs.interruption import Stopped
-from train.runs.loop import Budget, Run
+from train.runs.loop import Run
 from train.runs.opponents import load_policy
 from train.runs.parts import settings_of
 from train.runs.single import SingleAgent
