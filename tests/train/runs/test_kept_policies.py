@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -135,3 +136,30 @@ def test_a_run_that_keeps_nothing_and_a_damaged_list(
     (run.folder / "checkpoints.json").write_text(json.dumps({"best": "x"}))
     text = error_of(capsys, "evaluate", run.folder, "--at", "best")
     assert "checkpoints.json" in text and "restore it from a copy" in text
+
+
+@pytest.mark.parametrize("name", ["chase", "self-play"])
+def test_results_do_not_need_the_policies_that_were_kept(name: str, tmp_path: Path) -> None:
+    own = name == "self-play"
+    make = self_play_settings_of if own else settings_of
+    settings = make(**SMALL, **GAMES[name], frames=2000, checkpoints=1, threads=1)
+    run = start(SELF_PLAY if own else RUN, settings, tmp_path)
+    run.train()
+    for folder in [*tmp_path.glob("**/checkpoints")]:
+        shutil.rmtree(folder)
+    with pytest.warns(UserWarning, match=r"no checkpoint.*results\.json has no best policy"):
+        assert "best" not in run.results(episodes=5)
+    assert (tmp_path / "results.json").exists()
+
+
+def test_options_without_a_run_or_a_budget_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for command in ("train", "self-play"):
+        text = error_of(capsys, command, "--maze", "3x3", "--stretch", "--out", tmp_path / "a")
+        assert "--stretch is for --resume RUN with a longer budget" in text
+    text = error_of(capsys, "league", "astar", "random", "--at", "best", "--out", tmp_path / "l")
+    assert "--at is for runs" in text
+    (tmp_path / "r.json").write_text("{}")
+    text = error_of(capsys, "view", tmp_path / "r.json", "--at", "best", "--no-open")
+    assert "--at is for runs" in text
