@@ -93,6 +93,7 @@ OBSERVATIONS: Registry[Any] = Registry(
     ours=ENCODINGS,
 )
 OBSERVATIONS.register("pursuit_v5", PursuitV5Observation)
+OBSERVATIONS.register("pursuit_v5_flat", PursuitV5Observation(flat=True))
 
 
 class CustomEncoding:

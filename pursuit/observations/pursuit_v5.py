@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +34,23 @@ class PursuitV5Observation:
     Args:
         obs_range: rows and columns of the window, an odd number.
         channels_first: [3, rows, columns] instead, the form that networks take as an image.
+        flat: [rows * columns * 3] instead, without upper bounds: networks divide by the largest
+            value of an observation, and here counts are hardly ever above 2.
 
     Raises:
         ValueError: an even number; a graph, which has no rows and columns.
     """
 
-    def __init__(self, obs_range: int = 7, channels_first: bool = False) -> None:
+    def __init__(
+        self, obs_range: int = 7, channels_first: bool = False, flat: bool = False
+    ) -> None:
         self.obs_range = whole("obs_range", obs_range, 1)
-        self.channels_first = channels_first
+        self.channels_first, self.flat = channels_first, flat
         if obs_range % 2 == 0:
             raise ValueError(f"obs_range={obs_range}: the agent is in the centre; give an odd one")
 
     def space(self, task: Task) -> gymnasium.spaces.Box:
-        """From 0 to the number of chasers or evaders, the larger of both."""
+        """From 0 to the number of chasers or evaders, the larger of both; `flat`: to infinity."""
         for maze in task.mazes:
             if not maze.is_grid:
                 raise ValueError(
@@ -52,8 +58,10 @@ class PursuitV5Observation:
                     "use 'index', 'one_hot', 'positions' or 'cells'"
                 )
         sides = (self.obs_range,) * 2
-        shape = (3, *sides) if self.channels_first else (*sides, 3)
-        most = max(task.num_chasers, task.num_evaders, 1)
+        shape: tuple[int, ...] = (3, *sides) if self.channels_first else (*sides, 3)
+        most: float = max(task.num_chasers, task.num_evaders, 1)
+        if self.flat:
+            shape, most = (math.prod(shape),), math.inf
         return gymnasium.spaces.Box(0.0, float(most), shape, np.float32)
 
     def encode(self, task: Task, games: Before, seats: NDArray[np.intp]) -> Array:
@@ -62,7 +70,8 @@ class PursuitV5Observation:
         seen = np.empty(shape, dtype=np.float32)
         state = (games.maze_index, games.positions, games.active, games.roles)
         _draw_windows(*state, seats, *grids_of(task.mazes), self.obs_range // 2, seen)
-        return np.moveaxis(seen, -1, 2) if self.channels_first else seen
+        seen = np.moveaxis(seen, -1, 2) if self.channels_first else seen
+        return seen.reshape(*seen.shape[:2], -1) if self.flat else seen
 
 
 @compiled

@@ -87,6 +87,16 @@ class GameTask(Rules):
         found[offsets[state] + places[state, number]] = rows[state, number]
         return found
 
+    def rows(
+        self, player: str | int, table: NDArray[np.float64], states: NDArray[np.integer]
+    ) -> NDArray[np.float64]:
+        """[n, actions]: the probabilities by the numbers of actions in `states` [n], from a table
+        as of `flat`."""
+        seat = self.seat(player)
+        places = self.tables.places[seat, states, : self.num_actions(seat)]
+        firsts = self.game.offsets(seat)[states]
+        return np.where(places >= 0, table[np.where(places >= 0, firsts[:, None] + places, 0)], 0.0)
+
     def observations(self, player: str | int, encoding: str = INDEX) -> Array:
         """[states, *shape]: what a player observes in every state, computed once.
 

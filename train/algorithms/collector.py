@@ -25,6 +25,8 @@ Act = Callable[[Columns, torch.Tensor], tuple[Columns, torch.Tensor]]
 
 SEEN = ("observation", ACTION_MASK, "idle", CRITIC)
 AFTER = ("reward", "terminated", "truncated", "done")
+EXPERT = "expert"
+"""Column of the probabilities [frames, actions] of the imitated policy."""
 NEXT_MASK, NEXT_CRITIC = f"next_{ACTION_MASK}", f"next_{CRITIC}"
 
 
@@ -107,6 +109,8 @@ class Collector:
         """The kept columns of a step, and all its results."""
         row = {name: now[name].to(self.device) for name in SEEN if name in now.keys()}  # noqa: SIM118 (of a TensorDict)
         row["episode_start"] = self.episode_start
+        if self.env.expert is not None:
+            row[EXPERT] = self.env.expert_probabilities().to(self.device)
         self.states.append(self.state)
         state = self.state.masked_fill(self.episode_start[:, None], 0.0)
         chosen, self.state = self.act(row, state)

@@ -29,8 +29,10 @@ class VecEnv(Protocol):
         num_games: number of parallel games.
         rows: of its tensors: games, times the members of a team.
         resume: if set, the next full reset continues the current episodes.
+        expert: the policy that the learner imitates; None for none.
     """
 
+    expert: Any
     hook: EpisodeHook
     num_games: int
     rows: int
@@ -47,6 +49,9 @@ class VecEnv(Protocol):
         self, actions: torch.Tensor, running: torch.Tensor
     ) -> dict[str, torch.Tensor]:
         """A step without restarts, for learning from whole episodes."""
+
+    def expert_probabilities(self) -> torch.Tensor:
+        """[rows, actions]: what `expert` plays in the current states."""
 
 
 class HasState(Protocol):

@@ -10,6 +10,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import standardized
+from train.algorithms.collector import EXPERT
 from train.algorithms.fused_rollouts import FusedEngine, fused_engine
 from train.algorithms.learner import Build, HasState, NetworkLearner, VecEnv, means
 from train.algorithms.rollouts import Figures, Frames, TorchEngine, actor_critic_of, select
@@ -81,7 +82,7 @@ class PPO(NetworkLearner):
             Means over the gradient steps: the losses, the entropy, the clipped share and so on.
         """
         self.set_schedules(progress)
-        coefficients = self.coefficients(progress)
+        coefficients = self.coefficients(progress)._replace(imitation=self.imitation())
         frames = self.collect()  # with advantages
         logged: list[Figures] = []
         for minibatch in self.minibatches(frames):
@@ -126,6 +127,16 @@ class PPO(NetworkLearner):
             self.kl_coef,
         )
 
+    def imitation(self) -> float:
+        """The weight of imitation in the next iteration; where it is 0 nothing is imitated any
+        more."""
+        if self.env.expert is None:
+            return 0.0
+        weight = 1.0 - self.frames / self.env.expert.frames
+        if weight <= 0.0:
+            self.env.expert = None
+        return max(weight, 0.0)
+
     def set_schedules(self, progress: float) -> None:
         """Set also the discount."""
         super().set_schedules(progress)
@@ -143,13 +154,14 @@ class PPO(NetworkLearner):
     def _choose_engine(self, fused: bool) -> FusedEngine | TorchEngine:
         """The fused engine where its kernels support everything, else the torch engine.
 
-        They need fused="auto", the built-in `loss` and `collect`, a critic and no KL target, the
-        CPU, a `BatchEnv` without masks (`fused_engine`), and a non-recurrent actor-critic on
-        `index` with one shared trunk of two layers with ReLUs (`fused_actor_critic`).
+        They need fused="auto", the built-in `loss` and `collect`, a critic, no KL target and no
+        imitation, the CPU, a `BatchEnv` without masks (`fused_engine`), and a non-recurrent
+        actor-critic on `index` with one shared trunk of two layers with ReLUs
+        (`fused_actor_critic`).
         """
         settings, own = self.ppo, type(self)
         custom_loss, penalised = own.loss is not PPO.loss, settings.kl_target > 0
-        custom = custom_loss or own.collect is not PPO.collect
+        custom = custom_loss or own.collect is not PPO.collect or self.env.expert is not None
         sizes = (self.env, self.network, settings.rollout_steps, self.device)
         if fused and settings.critic and not penalised and not custom:
             engine = fused_engine(*sizes)
@@ -191,7 +203,9 @@ def ppo_loss(
         minibatch: the columns that `ActorCritic.forward_sequence` takes, with "action" (continuous
             actions: "drawn", before tanh), "action_log_prob", "advantage" and "value_target"; with
             `kl_coef` the "distribution" of the collecting policy; with masks "action_mask".
-        coefficients: of the terms of the loss.
+        coefficients: of the terms of the loss. With a column "expert" the cross-entropy to these
+            probabilities replaces the share `imitation` of the objective (Ross et al., 2011,
+            DAgger: the states are those of the learner).
         penalties: of the action distribution, further terms of the loss by name.
 
     Returns:
@@ -215,6 +229,10 @@ def ppo_loss(
         measured["kl_approx"] = -change.mean()
     entropy = distribution.entropy().mean()
     total, terms = objective, {"loss_objective": objective}
+    if EXPERT in minibatch:
+        imitated = -(minibatch[EXPERT] * distribution.parameters).sum(dim=-1).mean()
+        total = torch.lerp(objective, imitated, coefficients.imitation)
+        terms["loss_imitation"] = imitated
     if coefficients.value_coef is not None:
         error = network.value_head(value_hidden).squeeze(-1) - minibatch["value_target"]
         terms["loss_critic"] = coefficients.value_coef * error.square().mean()

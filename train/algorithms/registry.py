@@ -59,6 +59,7 @@ class Algorithm:
         self_play: whether it can learn against a learning opponent.
         teams: whether it can learn for several agents of a role in self-play.
         tabular: whether it has a table over the states of one maze or small game, and no network.
+        imitates: whether it can imitate a policy first (`RunSettings.imitate`).
         recurrent: whether its network can be recurrent.
         own_loop: whether it brings its own loop and network, as those of other libraries do.
         package, extra: the package that it needs, and the extra of `pip install 'pursuit[...]'`
@@ -76,6 +77,7 @@ class Algorithm:
     self_play: bool = False
     teams: bool = False
     tabular: bool = False
+    imitates: bool = False
     recurrent: bool = False
     own_loop: bool = False
     package: str = ""
@@ -195,6 +197,19 @@ class Algorithm:
             f"recurrent={settings.recurrent!r} is not supported for {seat.NO_MEMORY}; leave it out",
         )
 
+    def check_imitation(self, name: str, seat: Seat) -> None:
+        """ValueError unless it can imitate the policy of this name in the seat."""
+        able = ", ".join(_names_of(lambda other: other.imitates))
+        why = {
+            f"algorithm={self.name!r}, which does not learn from rollouts; use {able}": (
+                not self.imitates
+            ),
+            "continuous actions; use discrete_actions=True": seat.continuous,
+            "sharing='joint', where actions are of the whole team; use sharing=shared": seat.joint,
+        }
+        found = next((reason for reason, holds in why.items() if holds), "")
+        check(not found, f"imitate={name!r} is not supported with {found}, or leave it out")
+
     def check_self_play(self, role: str, agents: int) -> None:
         """ValueError unless it can learn for this number of agents in self-play."""
         able = _names_of(lambda other: other.self_play)
@@ -260,11 +275,11 @@ def _ours(name: str, build: Any, network_of: Any = None, load: Any = None, **abl
 _BOTH: Any = {"actions": frozenset({"discrete", "continuous"})}
 _CONTINUOUS: Any = {"actions": frozenset({"continuous"})}
 _GREEDY: Any = {"learns_distribution": False}
-_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True}
+_ROLLOUTS: Any = {"has_advantages": True, "self_play": True, "teams": True, "imitates": True}
 
 _ours("ppo", ppo.PPO.build, ppo.PPO.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
 _ours("a2c", a2c.A2C.build, a2c.A2C.network_of, **_ROLLOUTS, **_BOTH, recurrent=True)
-_ours("reinforce", a2c.Reinforce.build, a2c.Reinforce.network_of, **_BOTH)
+_ours("reinforce", a2c.Reinforce.build, a2c.Reinforce.network_of, **_BOTH, imitates=True)
 _ours("dqn", dqn.DQN, dqn.DQN.network_of, **_GREEDY, self_play=True)
 _ours(
     "q_learning",

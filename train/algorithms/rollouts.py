@@ -9,7 +9,7 @@ import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import advantages
-from train.algorithms.collector import Collector, Columns
+from train.algorithms.collector import EXPERT, Collector, Columns
 from train.algorithms.learner import Build, HasState, VecEnv, backward
 from train.algorithms.table_rollouts import TableCollector, plays_by_tables
 from train.networks.actor_critic import ActorCritic
@@ -123,7 +123,7 @@ class TorchEngine:
             noted = (rollout["advantage"], rollout["done"])
             self.env.hook.note_advantages(*(column.cpu().numpy() for column in noted))
         names = [self.network.form.DRAWN, "action_log_prob", "advantage", "value_target"]
-        names += [name for name in (DISTRIBUTION, ACTION_MASK) if name in rollout]
+        names += [name for name in (DISTRIBUTION, ACTION_MASK, EXPERT) if name in rollout]
         inputs = {"prepared": (self.network.policy_trunk, rollout["observation"])}
         if CRITIC in rollout:
             inputs["critic_prepared"] = (self.network.value_trunk, rollout[CRITIC])

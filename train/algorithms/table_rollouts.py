@@ -45,7 +45,7 @@ class TableCollector(Collector):
             self._now = self.env.reset()
         env, seat = self.env, self.env.player
         opponents = env.hook.opponent_tables()
-        if opponents is None:
+        if opponents is None or env.expert is not None:
             return super().rollout()
         legal = torch.from_numpy(seat.legal) if seat.has_masks else None
         observed = torch.from_numpy(seat.observed)

@@ -21,6 +21,13 @@ FLAGS = ("terminated", "truncated", "done")
 NOT_OBSERVED = {"reward", *FLAGS}
 
 
+class Expert(NamedTuple):
+    """A policy that a learner imitates, and the frames of the learner until which it does."""
+
+    policy: Any
+    frames: int
+
+
 class StepOutcome(NamedTuple):
     """What a step of all games gave.
 
@@ -78,7 +85,10 @@ class BatchEnv:
             lengths count rounds.
         resume: if set, the next full reset continues the current episodes.
         was_reset: whether `reset_games` was called.
+        expert: the policy that the learner imitates; None for none.
     """
+
+    expert: Expert | None = None
 
     def __init__(
         self,
@@ -131,6 +141,18 @@ class BatchEnv:
             allowed = player.allowed(simulator, self.seats)
             found[ACTION_MASK] = torch.from_numpy(allowed.reshape(-1, allowed.shape[-1]))
         return found
+
+    def expert_probabilities(self) -> torch.Tensor:
+        """[rows, actions] float32: what the imitated policy plays in the current states, of the
+        allowed actions; uniform where it plays none of these."""
+        assert self.expert is not None
+        found = self.player.probabilities_of(self.expert.policy, self.simulator, self.seats)
+        if self.player.has_masks:
+            allowed = self.player.allowed(self.simulator, self.seats)
+            found = np.where(allowed, found, 0.0)
+            found = np.where(found.any(axis=-1, keepdims=True), found, allowed)
+            found = found / found.sum(axis=-1, keepdims=True)
+        return torch.from_numpy(found.astype(np.float32)).flatten(0, 1)
 
     def _stacked(self, seen: Observations) -> Observations:
         """[games, k, *shape]: the current observations, stacked with the previous ones."""

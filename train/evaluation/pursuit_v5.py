@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.observations.custom import AGENT_ID, without_id
 from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS
 from pursuit.rules.arrays import Array
 from pursuit.simulator.policy import GameView, play, role_of
@@ -18,7 +20,8 @@ from pursuit.validation import check, whole
 from train.evaluation.games import half_width
 from train.files import Plain
 
-ENCODING = "pursuit_v5"
+ENCODINGS = ("pursuit_v5", "pursuit_v5_flat")
+"""Of policies that play there: also with the number of the agent ("+id")."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +72,15 @@ def play_pursuit_v5(
         ValueError: another observation or role, or another number of agents or actions.
     """
     envs = environments(whole("episodes", episodes, 1), **arguments)
+    task = check_plays_pursuit_v5(policy, envs[0])
+    most = max(task.num_chasers, task.num_evaders)
     # Games that are never played: their views have the random streams and the number of steps.
-    games = Simulator(check_plays_pursuit_v5(policy, envs[0]), episodes, seed, auto_restart=False)
+    games = Simulator(task, episodes, seed, auto_restart=False)
     theirs = np.argsort(PURSUIT_V5_ACTIONS)  # its action by ours
     latest: list[Array] = []
 
     def view_of(seat: int) -> GameView:
-        return replace(games.view(seat), observe=lambda encoding: latest[0][:, seat])
+        return replace(games.view(seat), observe=lambda form: encoded(latest[0], seat, form, most))
 
     # Views are kept, as policies with memory have one memory for each.
     views = [view_of(seat) for seat in range(len(envs[0].possible_agents))]
@@ -87,6 +92,25 @@ def play_pursuit_v5(
         return np.asarray(theirs[actions])
 
     return play_episodes(envs, choose, seed)
+
+
+def encoded(seen: Array, seat: int, encoding: str, most: int) -> Array:
+    """[episodes, *shape]: the observations of a pursuer in an encoding of `ENCODINGS`.
+
+    Args:
+        seen: [episodes, pursuers, rows, columns, 3], the environment's.
+        seat: the number of the pursuer.
+        encoding: with or without "+id".
+        most: the agents of the largest role, for "+id".
+    """
+    own = seen[:, seat]
+    if without_id(encoding) == ENCODINGS[1]:
+        own = own.reshape(len(own), -1)
+    if not encoding.endswith(AGENT_ID):
+        return own
+    ids = np.zeros((len(own), most, *own.shape[2:]), dtype=own.dtype)
+    ids[:, seat] = 1.0
+    return np.concatenate([own, ids], axis=1)
 
 
 def environments(count: int, **arguments: Any) -> list[Any]:
@@ -131,17 +155,17 @@ def check_plays_pursuit_v5(policy: Any, env: Any) -> Task:
     remedy = "; train with --preset sisl-pursuit, or with the agents and actions of this one"
     encoding = getattr(policy, "encoding", None)
     check(
-        encoding == ENCODING and role_of(policy) == "chaser",
+        without_id(str(encoding)) in ENCODINGS and role_of(policy) == "chaser",
         f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 "
-        f"see {ENCODING!r}{remedy}",
+        f"see {' or '.join(map(repr, ENCODINGS))}{remedy}",
     )
     task: Task = policy.task
     space = env.observation_space(env.possible_agents[0])
-    own = Simulator(task).encoder(ENCODING).space
+    own = Simulator(task).encoder(without_id(policy.encoding)).space
     counts = {
         "pursuers": (task.num_chasers, len(env.possible_agents)),
         "actions": (task.num_actions, len(PURSUIT_V5_ACTIONS)),
-        "observations": (own.shape, space.shape),
+        "numbers observed": (math.prod(own.shape), math.prod(space.shape)),
     }
     for what, (mine, its) in counts.items():
         check(mine == its, f"{what} of the policy: {mine}, of this pursuit_v5: {its}{remedy}")

@@ -25,6 +25,8 @@ from train.settings.common import RunSettings
 from train.settings.mazes import named_maze, names_in
 from train.settings.self_play import OPPOSING_ROLES
 
+WHOLE = ("init_from", "imitate")
+"""The settings of runs, beside those of their tasks, that can name the folder of a policy."""
 INPUTS = "inputs"
 """Subfolder of a sweep with copies of opponents."""
 MODEL = "model"
@@ -48,7 +50,7 @@ def named_policies(plain: Plain) -> dict[str, str]:
     """The policies in plain settings that are not scripted agents, by the setting's name."""
     named = {name: plain.get(name) for name in OPPOSING_ROLES} | (plain.get("players") or {})
     named["opponent"] = plain["task"].get("opponent")
-    named["init_from"] = plain.get("init_from")
+    named |= {name: plain.get(name) for name in WHOLE}
     return {
         name: value
         for name, value in named.items()
@@ -60,7 +62,7 @@ def with_policies(settings: Any, values: Mapping[str, str]) -> Any:
     """Settings with these policies, by the setting's name."""
     own: Plain = dict(values)
     task = {name: own.pop(name) for name in ("opponent",) if name in own}
-    whole = {name: own.pop(name) for name in ("init_from",) if name in own}
+    whole = {name: own.pop(name) for name in WHOLE if name in own}
     if hasattr(settings, "players"):
         own = {"players": {**settings.players, **own}}
     return replace(settings, **own, **whole, task=replace(settings.task, **task))

@@ -49,6 +49,8 @@ class LossCoefficients(NamedTuple):
         standardize: whether advantages are scaled to mean 0 and standard deviation 1 first; those
             of a single frame are not.
         kl_coef: weight of KL(collecting policy, policy); only `TorchEngine` supports it.
+        imitation: weight of the cross-entropy to the imitated policy, in [0, 1]; the objective has
+            the rest. Only `TorchEngine` supports it.
     """
 
     clip: float
@@ -56,6 +58,7 @@ class LossCoefficients(NamedTuple):
     entropy_coef: float
     standardize: bool = True
     kl_coef: float = 0.0
+    imitation: float = 0.0
 
 
 class FusedActorCritic:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pursuit.rules.arrays import Array
-from pursuit.validation import Missing, Plain, check
+from pursuit.simulator.policy import tells_its_play
+from pursuit.validation import Missing, Plain, check, shortened
+from train.networks.distributions import are_probabilities
 from train.networks.features import Features
 from train.networks.numbering import SeatNumbering
 
@@ -145,6 +147,31 @@ class Seat(ABC):
     def left(self, batch: Any, agents: slice) -> NDArray[np.bool_] | None:
         """[games, agents]: which of these agents have left a game that can go on; None for none."""
         return None
+
+    def probabilities_of(self, policy: Any, batch: Any, agents: slice) -> NDArray[np.float64]:
+        """[games, agents, actions]: what a policy plays for these agents in the current states; 1
+        for its action where it tells no distribution.
+
+        Raises:
+            ValueError: it tells or plays something else than the actions of this seat.
+        """
+        found = []
+        for agent in range(batch.task.num_agents)[agents]:
+            if tells_its_play(policy, "distribution"):
+                rows = policy.distribution(batch.task, batch.games, agent)
+            else:
+                chosen = np.asarray(policy.act(batch.view(agent)))
+                known = chosen.dtype.kind in "iu" and ((chosen >= 0) & (chosen < self.num_actions))
+                check(bool(np.all(known)), f"{policy!r} played {shortened(chosen)}; {self._only()}")
+                rows = np.eye(self.num_actions)[chosen]
+            shape = (batch.num_games, self.num_actions)
+            fits = np.shape(rows) == shape and are_probabilities(rows)
+            check(fits, f"{policy!r} told no probabilities of shape {shape}; {self._only()}")
+            found.append(rows)
+        return np.stack(found, axis=1)
+
+    def _only(self) -> str:
+        return f"the {self.role} has {self.num_actions} actions: {', '.join(self.action_names)}"
 
     def moves(self, actions: NDArray[Any]) -> Array:
         """The actions of all agents of the seat as the batch takes them, from those of a learner

@@ -81,6 +81,12 @@ class SmallGameSeat(Seat):
         """As of `Seat`."""
         return self.observed[batch.state][:, None]
 
+    def probabilities_of(
+        self, policy: Any, batch: GameSimulator, agents: slice
+    ) -> NDArray[np.float64]:
+        """As of `Seat`, from the table of the policy."""
+        return self.task.rows(self.agent, policy.table(self.task), batch.state)[:, None]
+
     @cached_property
     def numbering(self) -> SeatNumbering:
         """As of `Seat`: those of the game."""

@@ -19,6 +19,7 @@ from train.families.family import TaskWorld
 from train.machine import uses_bfloat16
 from train.networks.policy import NO_WALLS
 from train.networks.seat import Seat
+from train.runs.imitation import expert_of
 from train.runs.logs import logs_of
 from train.runs.saved import check_source, learning_seat, unchecked_settings
 from train.runs.worlds import contest_of as contest_of
@@ -64,11 +65,13 @@ class Parts:
     def games(self) -> tuple[BatchEnv | LearnerVectorEnv, Teacher | None]:
         """The training environment, and the teacher in it."""
         games = self.hyper.num_games
+        expert = expert_of(self.settings, self.world, self.seat, self.algorithm)
         if self.algorithm.own_loop:
             own = (games, self.build.seed, self.hyper.last_gamma)
             return self.world.vector_games(self.seat, *own), None
         how = (self.build.seed, self.plan, self.rank * games, self.hyper.last_gamma)
         env, teacher = self.world.games(self.algorithm.env_form, self.seat, games, *how)
+        env.expert = expert
         if teacher is not None and self.rank:
             teacher.rng = teacher.rng.spawn(self.rank)[-1]  # independent samples of the curriculum
         return env, teacher
@@ -191,7 +194,7 @@ def settings_of(**flat: Any) -> AgentSettings:
             `--curriculum NAME`.
             The budget, one of: seconds, frames.
             The run: algorithm, preset, seed, clock, evaluate, device, precision, fused, threads,
-            processes, checkpoints, init_from, log.
+            processes, checkpoints, init_from, imitate, imitate_frames, log.
             The network: observation, network, frame_stack, min_probability.
             A task in mazes: task, role, maze, num_chasers, num_evaders, num_runners, num_goals,
             max_steps, stay_action, move_order, start, min_start_distance, capture, n_catch,

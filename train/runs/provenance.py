@@ -40,7 +40,7 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "game": GAMES,
     "rewards": REWARDS,
     "observation": OBSERVATIONS,
-    **dict.fromkeys(("opponent", "chaser", "evader", "members"), POLICIES),
+    **dict.fromkeys(("opponent", "chaser", "evader", "members", "imitate"), POLICIES),
     "axis": AXIS_PARTS,
     "curriculum": CURRICULUM_PARTS,
     **dict.fromkeys(("algorithm", "contestant"), LEARNERS),

@@ -14,6 +14,7 @@ from train.families import family_of
 from train.files import Plain
 from train.runs.folder import CONFIG
 from train.runs.forms import RESTORE
+from train.runs.imitation import OPTIMAL, expert_of
 from train.runs.logs import logs_of
 from train.runs.opponents import is_self_play, policy_of
 from train.runs.parts import build_of, check_sizes
@@ -76,6 +77,11 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
     given = settings.task
     check_learners(settings)
     logs_of(settings.log)
+    check(
+        settings.imitate != OPTIMAL,
+        f"imitate={OPTIMAL!r} is the best response to fixed agents, which self-play does not have; "
+        "use equilibrium",
+    )
     game = game_of_all(given, settings.discount)
     if settings.sampling in NASH_SAMPLING and isinstance(game.mixtures, Missing):
         why = game.mixtures.reason
@@ -103,7 +109,8 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         algorithm.check_team(seat)
         algorithm.check_memory(own.hyper, seat)
         more = (build_of(own), game, training, own.min_probability or 0.0, settings.average)
-        sides[role] = SideParts(seat, algorithm, own.hyper, *more, sources.get(role))
+        expert = expert_of(settings, game.world, seat, algorithm)
+        sides[role] = SideParts(seat, algorithm, own.hyper, *more, sources.get(role), expert)
     return SelfPlayParts(settings, game, sides, frozen, scripted)
 
 
@@ -189,6 +196,8 @@ def response_settings(settings: SelfPlayBase, role: str, folder: Path) -> SelfPl
         members=(),
         checkpoints=0,
         init_from=None,
+        imitate=None,
+        imitate_frames=0,
         log="none",
         best_response_seconds=0.0,
         seconds=seconds,

@@ -24,7 +24,7 @@ from train.settings.algorithms import Hyperparameters
 from train.tensors import StateDict
 
 if TYPE_CHECKING:  # torch is slow to import
-    from train.environments.batch_env import BatchEnv
+    from train.environments.batch_env import BatchEnv, Expert
 
 DECAY = 10
 """The average of the weights has terms proportional to iteration**DECAY: about the last tenth of
@@ -114,6 +114,7 @@ class SideParts:
         min_probability: of actions of the evaluated policy.
         average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
         source: the folder of the policy whose weights it starts from; None for new weights.
+        expert: the policy that it imitates at first; None for none.
     """
 
     seat: Seat
@@ -125,6 +126,7 @@ class SideParts:
     min_probability: float
     average: bool = True
     source: str | None = None
+    expert: Expert | None = None
 
     def games(self, number: int, others: Sequence[str]) -> tuple[BatchEnv, Opponents]:
         """The training environment of the side with this number, and its opponents."""
@@ -135,7 +137,9 @@ class SideParts:
         opponents = Opponents(batch, game, seat.agent, others, 2 * seed + number, steps)
         policies = [opponents.policies.get(role) for role in game.by_agent]
         how = (opponents, members, game.scale(seat.agent), game.bounded)
-        return self.algorithm.env_form(batch, seat, policies, *how), opponents
+        env = self.algorithm.env_form(batch, seat, policies, *how)
+        env.expert = self.expert
+        return env, opponents
 
 
 class Side:

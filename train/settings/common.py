@@ -57,7 +57,13 @@ FrameStack = Annotated[
 class RunSettings(Settings):
     """Budget, seed and machine of a run."""
 
-    ADDED: ClassVar[tuple[str, ...]] = ("checkpoints", "init_from", "log")
+    ADDED: ClassVar[tuple[str, ...]] = (
+        "checkpoints",
+        "init_from",
+        "imitate",
+        "imitate_frames",
+        "log",
+    )
 
     network: Annotated[str, passes(NETWORKS.check)] = "auto"
     """mlp (or flat), convolutions (for planes), planning (value iteration layers for planes, for
@@ -88,6 +94,16 @@ class RunSettings(Settings):
     """The folder of a run whose weights the new run starts from, with its own settings, optimiser
     and seed; also of one side of self-play, or of a kept policy such as
     runs/first/checkpoints/000200000. In self-play the weights of all sides, or of one."""
+    imitate: Annotated[
+        str | None, rule(lambda value: value != "", "give a policy, or leave it out")
+    ] = None
+    """A policy that the learner first imitates, in the states that it visits itself: by name
+    (astar, gathering, equilibrium ...), optimal (the exact best response to the other agents), the
+    folder of a run, a model, or package.module:Name. For algorithms that learn from rollouts."""
+    imitate_frames: Annotated[int, rule(lambda value: value >= 0, "give 0 or more")] = 0
+    """Frames after which nothing is imitated. Until then the policy loss is the mean of the
+    cross-entropy to the imitated policy and the algorithm's own loss; the weight of the former is 1
+    at the start and falls linearly to 0."""
     log: Annotated[str, passes(check_logs)] = "auto"
     """Logs of the evaluations for other programs while training: tensorboard, wandb, mlflow,
     several with commas, or none. auto: tensorboard where it is installed."""
@@ -116,6 +132,11 @@ class RunSettings(Settings):
         )
         for name, value in (("seconds", seconds), ("frames", frames)):
             check(value is None or 0 < value < inf, f"{name}={value}; must be above 0")
+        imitate, count = self.imitate, self.imitate_frames
+        check(
+            (imitate is None) == (count == 0),
+            f"imitate={imitate!r} and imitate_frames={count}; give both, or neither",
+        )
         check(frames is None or frames < 2**63, f"frames={frames}; must be below 2**63")
         check(
             re.fullmatch("cpu|cuda(:(0|[1-9][0-9]?))?", device) is not None,

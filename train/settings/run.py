@@ -38,6 +38,7 @@ def check_several_processes(settings: TrainSettings[Any]) -> None:
         ("algorithm", settings.algorithm, settings.algorithm == "ppo", "use ppo"),
         ("device", settings.device, settings.device == "cpu", "use cpu"),
         ("clock", settings.clock, settings.clock == "wall", "use wall"),
+        ("imitate", settings.imitate, settings.imitate is None, "leave it out"),
         ("threads", settings.threads, settings.threads <= 1, "leave it out (one thread each)"),
         ("recurrent", hyper.recurrent, hyper.recurrent is None, "leave it out"),
         (

@@ -54,14 +54,22 @@ def policy_in(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("greedy", "recurrent"), [(True, None), (False, None), (False, "gru")])
+@pytest.mark.parametrize(
+    ("greedy", "recurrent", "encoding"),
+    [
+        (True, None, "pursuit_v5"),
+        (False, None, "pursuit_v5+id"),
+        (False, None, "pursuit_v5_flat"),
+        (False, "gru", "pursuit_v5_flat+id"),
+    ],
+)
 def test_a_policy_plays_there_as_here(
-    monkeypatch: pytest.MonkeyPatch, greedy: bool, recurrent: str | None
+    monkeypatch: pytest.MonkeyPatch, greedy: bool, recurrent: str | None, encoding: str
 ) -> None:
     rules = {"surround": False, "shared_reward": False, "max_cycles": CYCLES}
     task = default_task(capture="cell", n_catch=2, max_steps=CYCLES)
     task = replace(task, rewards=PursuitV5Rewards(shared=False))
-    policy, seed = policy_in(task, greedy=greedy, recurrent=recurrent), 7
+    policy, seed = policy_in(task, encoding, greedy, recurrent), 7
     drawn, draw = [], RandomPolicy.act
 
     def recorded(evaders: RandomPolicy, state: Any) -> Any:

@@ -1,0 +1,62 @@
+"""The policy that a learner imitates at first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pursuit.validation import check
+from train.algorithms.registry import Algorithm
+from train.environments.batch_env import Expert
+from train.families.family import TaskWorld
+from train.networks.seat import Seat
+from train.runs.opponents import policy_of
+from train.settings.common import RunSettings
+
+OPTIMAL = "optimal"
+"""The name of the exact best response to the other agents."""
+TRIED = 2
+"""Games in which a policy is asked before training."""
+
+
+def expert_of(
+    settings: RunSettings, world: TaskWorld, seat: Seat, algorithm: Algorithm
+) -> Expert | None:
+    """What a learner of these settings imitates; None without `imitate`.
+
+    Args:
+        settings: of the run.
+        world: its task with the other agents.
+        seat: the learning agent or team in the training games.
+        algorithm: of the learner.
+
+    Raises:
+        ValueError: an algorithm or seat that cannot imitate; an unknown policy, one with memory, or
+            of another game, role or other actions; an optimum that is not known.
+    """
+    name = settings.imitate
+    if name is None:
+        return None
+    algorithm.check_imitation(name, seat)
+    policy: Any
+    if name == OPTIMAL:
+        mazes = [getattr(task, "mazes", None) for task in (seat.task, world.task)]
+        check(
+            mazes[0] == mazes[1],
+            f"imitate={name!r} with a curriculum of other mazes, in which the optimum is not "
+            "solved; leave one of the two out",
+        )
+        policy = world.optimal_policy()
+    else:
+        policy = policy_of(world.settings, name, world.task, seat.role)
+    check(
+        not hasattr(policy, "begin"),
+        f"imitate={name!r} is a policy with memory, which says nothing about states that it did "
+        "not lead to itself; give one without memory",
+    )
+    games = world.BATCH(seat.task, TRIED, 0, 0, auto_restart=False)
+    agents = slice(seat.number, seat.number + (seat.members if seat.team else 1))
+    try:
+        seat.probabilities_of(policy, games, agents)
+    except ValueError as error:
+        raise ValueError(f"imitate={name!r}: {error}") from None
+    return Expert(policy, settings.imitate_frames)
