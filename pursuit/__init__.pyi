@@ -13,6 +13,7 @@ from scripted_agents import ChaseSolution as ChaseSolution
 from scripted_agents import DoubleOracle as DoubleOracle
 from scripted_agents import Estimate as Estimate
 from scripted_agents import FictitiousPlay as FictitiousPlay
+from scripted_agents import GatheringTeam as GatheringTeam
 from scripted_agents import HiddenChaseSolution as HiddenChaseSolution
 from scripted_agents import InverseKinematics as InverseKinematics
 from scripted_agents import JointNashConv as JointNashConv

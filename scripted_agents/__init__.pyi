@@ -4,6 +4,7 @@ from .agents.arm import IK_METHODS as IK_METHODS
 from .agents.arm import InverseKinematics as InverseKinematics
 from .agents.arm import RandomArm as RandomArm
 from .agents.arm import ThesisInverseKinematics as ThesisInverseKinematics
+from .agents.gathering import GatheringTeam as GatheringTeam
 from .agents.runner import NearestGoalRunner as NearestGoalRunner
 from .agents.scripted import AStarChaser as AStarChaser
 from .agents.scripted import AStarEvader as AStarEvader

@@ -16,6 +16,7 @@ from pursuit.rendering.windows import metadata_of
 from pursuit.simulator.policy import Policy
 from pursuit.tasks.task import ROLES, Task, make_task
 from pursuit.validation import one_of, unknown
+from scripted_agents.agents.gathering import GatheringTeam
 from scripted_agents.agents.runner import NearestGoalRunner
 from scripted_agents.agents.scripted import AStarChaser, AStarEvader, RandomAgent, Scripted
 from scripted_agents.agents.searchers import (
@@ -32,7 +33,6 @@ from scripted_agents.exact.tours.runner import TourRunner
 from scripted_agents.names import (
     AGENTS,
     POLICIES,
-    SEARCHERS,
     UNIFORM,
     agent_name,
     check_agent,
@@ -53,8 +53,9 @@ MAKERS: dict[str, dict[str, Callable[..., Policy]]] = {
     "searching": {"chaser": SearchingChaser, "evader": WaryEvader, "runner": SearchingRunner},
     "sweeping": {"chaser": SweepingChaser},
     "belief": {"chaser": BeliefChaser},
+    "gathering": {"chaser": GatheringTeam},
 }
-"""The classes of `SEARCHERS`, by name and role."""
+"""The classes of `PLAYED_ROLES`, by name and role."""
 
 
 def custom_policy(name: str, task: Task, role: str) -> Policy:
@@ -92,7 +93,7 @@ def scripted_policy(
     if name not in AGENTS:
         raise ValueError(unknown("agent", name, AGENTS))
     one_of("role", role, ROLES)
-    if name in SEARCHERS:
+    if name in MAKERS:
         check_plays(name, role)
         return MAKERS[name][role](epsilon=epsilon)
     if name == "random":
@@ -182,9 +183,10 @@ def single_agent_arguments(
         maze: as in `pursuit.Task`.
         opponent_epsilon: probability of random moves of the scripted opponents.
         opponent: the policy of all other roles (in a race, of the other runners): a `Policy`, a
-            name ("astar", "random", "uniform", "equilibrium", "searching", "sweeping" or "belief"),
-            "package.module:Name" of a user-defined policy, or the folder of a run. None for A*
-            (runners: nearest goal). Teammates play A*, unless the run is one of their role.
+            name ("astar", "random", "uniform", "equilibrium", "searching", "sweeping", "belief" or
+            "gathering"), "package.module:Name" of a user-defined policy, or the folder of a run.
+            None for A* (runners: nearest goal). Teammates play A*, unless the run is one of their
+            role.
         **settings: those of `pursuit.Task`.
     """
     task = make_task(task_name, maze=maze, **settings)

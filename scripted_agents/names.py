@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pursuit.plugins import Registry, is_reference
 from pursuit.tasks.task import ROLES, Task
+from scripted_agents.agents.gathering import check_gathers
 from scripted_agents.exact.limits import check_belief, check_optimal
 
 if TYPE_CHECKING:  # slow to import
@@ -21,7 +22,10 @@ SCRIPTED_NAMES = ("astar", "random", EQUILIBRIUM)
 SEARCHERS = {"searching": ROLES, "sweeping": ("chaser",), "belief": ("chaser",)}
 """The roles of the scripted agents with the view limits of the task, by name."""
 
-AGENTS = (*SCRIPTED_NAMES, UNIFORM, *SEARCHERS)
+PLAYED_ROLES = {**SEARCHERS, "gathering": ("chaser",)}
+"""The roles of the scripted agents that do not play all roles, or do so by a class for each."""
+
+AGENTS = (*SCRIPTED_NAMES, UNIFORM, *PLAYED_ROLES)
 """All names of scripted agents."""
 
 GAME_AGENTS = (UNIFORM, EQUILIBRIUM)
@@ -57,17 +61,17 @@ def roles_of_agent(name: str, task: Task) -> tuple[str, ...]:
     name = agent_name(name)
     if name not in AGENTS:
         return custom_roles(name, task)
-    plays = SEARCHERS.get(name, ROLES)
+    plays = PLAYED_ROLES.get(name, ROLES)
     return tuple(role for role in ROLES if role in plays and role in task.seat_roles)
 
 
 def check_plays(name: str, role: str) -> None:
     """ValueError unless a scripted agent plays a role."""
-    roles = SEARCHERS.get(name, ROLES)
+    roles = PLAYED_ROLES.get(name, ROLES)
     if role not in roles:
         raise ValueError(
             f"{name} plays {', '.join(roles)}; {role!r} is needed. Use "
-            f"{', '.join(other for other in AGENTS if role in SEARCHERS.get(other, ROLES))}"
+            f"{', '.join(other for other in AGENTS if role in PLAYED_ROLES.get(other, ROLES))}"
         )
 
 
@@ -78,6 +82,8 @@ def check_agent(name: str, task: Task, role: str) -> None:
         check_optimal(task, role)
     if name == "belief":
         check_belief(task, "belief")
+    if name == "gathering":
+        check_gathers(task)
 
 
 def plays(name: str, task: Task, role: str) -> bool:

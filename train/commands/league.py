@@ -35,7 +35,7 @@ class LeagueCommand(Settings):
 
     Give the folders of runs (`pursuit train` of a chaser or evader, `pursuit self-play` for both),
     exported policies (.onnx), saved Stable-Baselines3 models (.zip) and the names of scripted
-    agents: astar, random, uniform, equilibrium, searching, sweeping, belief.
+    agents: astar, random, uniform, equilibrium, searching, sweeping, belief, gathering.
 
     In another game (that of the first run, or a small game by --game NAME) all policies of the
     first side against all of the second, by returns: runs, and named policies of the game. In a

@@ -36,7 +36,7 @@ class PlayCommand(Settings):
     task: TaskSettings = field(default_factory=TaskSettings)
     against: Annotated[str | None, AGENT] = None
     """The opponent: astar (default), equilibrium, random, uniform, searching, sweeping, belief,
-    package.module:Name, or the folder of a run, which also sets the task."""
+    gathering, package.module:Name, or the folder of a run, which also sets the task."""
     beside: Annotated[str | None, AGENT] = None
     """The agent to compare with, which plays your role from the same starts. Values as of
     --against; by default astar, or for a run of self-play its other side."""

@@ -1,4 +1,4 @@
-"""Policies of chasers inside PettingZoo's own `pursuit_v5`."""
+"""Policies of chasers, learned or scripted, inside PettingZoo's own `pursuit_v5`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pursuit.mazes.maze import Maze
 from pursuit.observations.custom import AGENT_ID, without_id
 from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS
 from pursuit.rules.arrays import Array
@@ -17,6 +18,7 @@ from pursuit.simulator.policy import GameView, play, role_of
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.task import Task
 from pursuit.validation import check, whole
+from scripted_agents.agents.scripted import Scripted
 from train.evaluation.games import half_width
 from train.files import Plain
 
@@ -60,21 +62,25 @@ def play_pursuit_v5(
 ) -> PursuitV5Episodes:
     """Play all pursuers by one policy in `pettingzoo.sisl.pursuit_v5.parallel_env(**arguments)`.
 
-    The policy receives the environment's observations and nothing else.
+    A trained policy receives the environment's observations and nothing else; a scripted agent the
+    cells of all agents, of which `GatheringTeam` uses those in its window.
 
     Args:
-        policy: of chasers, trained with the observation `pursuit_v5`, as of `load_policy`.
+        policy: of chasers, trained with the observation `pursuit_v5`, as of `load_policy`; or a
+            scripted agent such as `GatheringTeam()`.
         episodes: their number; episode i is reset with the seed `seed` + i.
         seed: of the episodes, and of the draws of a policy that is not greedy.
         **arguments: of the environment; none for its defaults.
 
     Raises:
-        ValueError: another observation or role, or another number of agents or actions.
+        ValueError: another observation or role, another number of agents or actions, or a window of
+            a scripted agent that is larger than that of the environment.
     """
     envs = environments(whole("episodes", episodes, 1), **arguments)
     task = check_plays_pursuit_v5(policy, envs[0])
     most = max(task.num_chasers, task.num_evaders)
-    # Games that are never played: their views have the random streams and the number of steps.
+    # Games that are never played: their views have the random streams and the number of steps, and
+    # for scripted agents the cells of the agents in the environments.
     games = Simulator(task, episodes, seed, auto_restart=False)
     theirs = np.argsort(PURSUIT_V5_ACTIONS)  # its action by ours
     latest: list[Array] = []
@@ -87,6 +93,9 @@ def play_pursuit_v5(
 
     def choose(seen: Array) -> Array:
         latest[:] = [seen]
+        if isinstance(policy, Scripted):
+            for number, env in enumerate(envs):
+                copy_cells(env, games, number)
         actions = np.stack([play(policy, view) for view in views], axis=1)
         games.steps[:] += 1
         return np.asarray(theirs[actions])
@@ -150,8 +159,52 @@ def play_episodes(
     return PursuitV5Episodes(returns, steps, caught)
 
 
+def copy_cells(env: Any, games: Simulator, number: int) -> None:
+    """Copy the cells of all agents, and which evaders are free, to the game of this number."""
+    base, cells = env.unwrapped.env, games.task.mazes[0].cell_numbers
+    layers = base.pursuer_layer, base.evader_layer
+    x, y = np.array([layer.get_position(i) for layer in layers for i in range(layer.n_agents())]).T
+    free = np.append(np.ones(games.task.num_chasers, dtype=bool), ~base.evaders_gone)
+    games.active[number] = free
+    games.positions[number, free] = cells[y, x]  # its arrays are [x, y], ours [row, column]
+
+
+def task_of(env: Any) -> Task:
+    """The game of a `pursuit_v5` as a task, but for the rewards."""
+    base = env.unwrapped.env
+    walkable = base.map_matrix.T == 0
+    height, width = walkable.shape
+    open_south = np.ones((height - 1, width), dtype=bool)
+    open_east = np.ones((height, width - 1), dtype=bool)
+    return Task(
+        Maze(walkable, open_south, open_east, name=ENCODINGS[0]),
+        num_chasers=base.n_pursuers,
+        num_evaders=base.n_evaders,
+        stay_action=True,
+        move_order="chasers_first",
+        capture_check="after_chasers",
+        capture="surround" if base.surround else "cell",
+        n_catch=1 if base.surround else base.n_catch,
+        max_steps=base.max_cycles,
+    )
+
+
 def check_plays_pursuit_v5(policy: Any, env: Any) -> Task:
-    """The task that the policy was trained in; ValueError unless it fits this `pursuit_v5`."""
+    """The task that the policy was trained in, for a scripted agent that of `env`; ValueError
+    unless the policy fits this `pursuit_v5`."""
+    if isinstance(policy, Scripted):
+        check(
+            role_of(policy) in (None, "chaser"),
+            f"{policy!r} plays {role_of(policy)}s, but pursuers are chasers; give GatheringTeam() "
+            "or another chaser",
+        )
+        own, its = getattr(policy, "obs_range", 0), env.unwrapped.env.obs_range
+        check(
+            own <= its,
+            f"obs_range={own} of {policy!r}, but pursuers of this pursuit_v5 see {its} rows and "
+            "columns; give it at most as many",
+        )
+        return task_of(env)
     remedy = "; train with --preset sisl-pursuit, or with the agents and actions of this one"
     encoding = getattr(policy, "encoding", None)
     check(

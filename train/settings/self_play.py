@@ -116,7 +116,7 @@ class SelfPlayBase(RunSettings):
     psro: all)."""
     members: Annotated[tuple[str, ...], MEMBERS] = ()
     """Scripted agents in the pools from the start: astar, random, uniform, equilibrium,
-    searching (or sweeping, belief), or package.module:Name of a user-defined policy."""
+    searching (or sweeping, belief, gathering), or package.module:Name of a user-defined policy."""
     average: bool = True
     """Evaluate, save and pool the average of the weights of about the last tenth of training.
     --no-average: the last weights."""
@@ -216,7 +216,7 @@ class SelfPlaySettings(SelfPlayBase):
     task: TaskSettings = field(default_factory=lambda: TaskSettings(rewards="zero_sum"))
     chaser: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
     """The chasers: how they learn, or a fixed policy: astar, random, uniform, equilibrium,
-    searching (or sweeping, belief), the folder of a run, or package.module:Name of a
+    searching (or sweeping, belief, gathering), the folder of a run, or package.module:Name of a
     user-defined policy."""
     evader: Annotated[str | LearningSide, AGENT] = field(default_factory=LearningSide)
     """The evaders, as `chaser`."""

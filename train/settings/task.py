@@ -49,7 +49,7 @@ from scripted_agents.names import (
     EQUILIBRIUM,
     GAME_AGENTS,
     GAME_DISCOUNT,
-    SEARCHERS,
+    PLAYED_ROLES,
     agent_name,
     check_agent,
 )
@@ -167,9 +167,9 @@ class TaskSettings(TaskForm):
     """Probability of a random move of the scripted opponents, in [0, 1]."""
     opponent: Annotated[str | None, AGENT] = None
     """None: A*. Otherwise random, uniform (all actions), equilibrium, searching (chasers also
-    sweeping, belief; these three respect the limited view), the folder of a run, an exported
-    policy (.onnx), a saved Stable-Baselines3 model (.zip), or package.module:Name of a user-defined
-    policy."""
+    sweeping, belief; these three respect the limited view; and gathering, a team that sees 7x7
+    windows), the folder of a run, an exported policy (.onnx), a saved Stable-Baselines3 model
+    (.zip), or package.module:Name of a user-defined policy."""
     opponent_policy: Annotated[str, choice("sampled", "greedy")] = "sampled"
     """Policy of a learned opponent: sampled (from its distribution), or greedy (the most probable
     action)."""
@@ -273,7 +273,7 @@ class TaskSettings(TaskForm):
         for role, side in sides.items():
             for name in (
                 side,
-                *(name for name in members if role in SEARCHERS.get(name, OPPOSING_ROLES)),
+                *(name for name in members if role in PLAYED_ROLES.get(name, OPPOSING_ROLES)),
             ):
                 if isinstance(name, str) and name in AGENTS:
                     check_agent(name, task, role)

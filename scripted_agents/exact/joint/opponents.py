@@ -49,7 +49,7 @@ def policies_of(
 
     Raises:
         ValueError: a missing policy, or one that is no function of the state: without distribution,
-            with memory, or with a limited view.
+            with memory or a clock, or with a limited view.
     """
     if not isinstance(policies, Mapping):
         raise ValueError(f"policies={policies!r}; give a dict, policies by agent or role")
@@ -72,6 +72,12 @@ def policies_of(
             raise ValueError(
                 f"{policy!r} of {name} depends on the step; use one that was solved with "
                 "horizon=None"
+            )
+        uses_clock = getattr(policy, "uses_clock", None)
+        if uses_clock is not None and uses_clock(task):
+            raise ValueError(
+                f"{policy!r} of {name} depends on the step in this maze; exact solutions need "
+                "policies that are functions of the state"
             )
         found[seat] = cast(DistributionPolicy, policy)
     return found

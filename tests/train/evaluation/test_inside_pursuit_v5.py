@@ -18,6 +18,7 @@ from pursuit.observations.pursuit_v5 import PURSUIT_V5_ACTIONS
 from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.tasks.task import Task
+from scripted_agents import AStarChaser, AStarEvader, GatheringTeam
 from train.algorithms.learner import Build
 from train.algorithms.rollouts import actor_critic_of
 from train.commands.evaluate import evaluate
@@ -53,23 +54,25 @@ def policy_in(
     return seat.policy(network, greedy)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("greedy", "recurrent", "encoding"),
+    "given",
     [
-        (True, None, "pursuit_v5"),
-        (False, None, "pursuit_v5+id"),
-        (False, None, "pursuit_v5_flat"),
-        (False, "gru", "pursuit_v5_flat+id"),
+        pytest.param({"greedy": True}, marks=pytest.mark.slow),
+        pytest.param({"encoding": "pursuit_v5+id"}, marks=pytest.mark.slow),
+        {"encoding": "pursuit_v5_flat"},
+        pytest.param(
+            {"encoding": "pursuit_v5_flat+id", "recurrent": "gru"}, marks=pytest.mark.slow
+        ),
+        GatheringTeam(),
+        AStarChaser(0.2),
     ],
+    ids=["greedy", "id", "flat", "gru", "gathering", "astar"],
 )
-def test_a_policy_plays_there_as_here(
-    monkeypatch: pytest.MonkeyPatch, greedy: bool, recurrent: str | None, encoding: str
-) -> None:
+def test_a_policy_plays_there_as_here(monkeypatch: pytest.MonkeyPatch, given: Any) -> None:
     rules = {"surround": False, "shared_reward": False, "max_cycles": CYCLES}
     task = default_task(capture="cell", n_catch=2, max_steps=CYCLES)
     task = replace(task, rewards=PursuitV5Rewards(shared=False))
-    policy, seed = policy_in(task, encoding, greedy, recurrent), 7
+    policy, seed = policy_in(task, **given) if isinstance(given, dict) else given, 7
     drawn, draw = [], RandomPolicy.act
 
     def recorded(evaders: RandomPolicy, state: Any) -> Any:
@@ -143,3 +146,17 @@ def test_the_summary_counts_agents_and_episodes() -> None:
 def test_other_policies_are_refused(changed: dict[str, Any], encoding: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         play_pursuit_v5(policy_in(default_task(**changed), encoding), 1)
+
+
+def test_the_scripted_team_has_its_return_there() -> None:
+    played = play_pursuit_v5(GatheringTeam(), 3, seed=1)
+    assert played.returns.mean() > 110 and (played.caught == 30).all()
+
+
+def test_scripted_agents_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match="plays evaders, but pursuers are chasers"):
+        play_pursuit_v5(AStarEvader(), 1)
+    with pytest.raises(ValueError, match=r"obs_range=7 of Gather.*see 5 rows and columns"):
+        play_pursuit_v5(GatheringTeam(), 1, obs_range=5)
+    with pytest.raises(ValueError, match="observes None"):
+        play_pursuit_v5(object(), 1)

@@ -116,7 +116,7 @@ def test_masked_actions_are_no_targets() -> None:
 
 def test_the_objective_is_the_weighted_mean_of_both_losses() -> None:
     """Against the losses computed by hand; the value and entropy terms stay."""
-    env, learner = games_and_learner(imitate="astar", imitate_frames=10_000, **ROLLOUTS)
+    _, learner = games_and_learner(imitate="astar", imitate_frames=10_000, **ROLLOUTS)
     frames = learner.collect()
     coefficients = learner.coefficients(0.0)
     whole = {name: column for name, column in frames.items() if name != EXPERT}
