@@ -162,11 +162,12 @@ def start_or_resume(
         ValueError: settings that cannot run, too few episodes, a folder that is not empty, or no
             run to resume.
     """
+    from train.evaluation.games import usual_episodes
     from train.runs.folder import CONFIG, check_new, load_config
     from train.runs.forms import Final
     from train.runs.unused_settings import resolved_settings
 
-    final, folder = Final(), given.resume
+    final, folder = Final(usual_episodes(settings.task.build(), 1000)), given.resume
     if folder is not None and (folder / CONFIG).exists():
         final = load_config(folder).final
     own = {n: v for n in Final.__struct_fields__ if (v := getattr(given, n)) is not None}

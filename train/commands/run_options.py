@@ -30,8 +30,8 @@ class RunCommand:
     """With --resume and a longer budget: schedules, as of the learning rate and the curriculum,
     extend over the new budget. By default they keep their end."""
     episodes: int | None = None
-    """Episodes of the final evaluation, if it is not exact. None: 1000; with --resume that of
-    the first command."""
+    """Episodes of the final evaluation, if it is not exact. None: 1000, down to 100 in long games
+    of many agents; with --resume that of the first command."""
     exact_seconds: float | None = None
     """Seconds that exact solutions of games of several agents may take at the end; 0 for none.
     Those that take about a second are always made. None: no limit; with --resume that of the first

@@ -160,6 +160,17 @@ def won_by(simulator: Simulator, seat: int, escaped: Flags | None = None) -> Fla
     return np.asarray(simulator.terminated & own)
 
 
+USUAL_WORK = 2000
+"""Agent steps of an episode, up to which evaluations have their full number of episodes."""
+
+
+def usual_episodes(task: Any, most: int) -> int:
+    """The number of episodes of an evaluation: `most`, down to a tenth of it in games with many
+    steps and agents, where it would take longer than the training."""
+    share = USUAL_WORK / (task.max_steps * task.num_agents)
+    return max(min(most, round(most * share)), most // 10, 2)
+
+
 def half_width(lengths: Lengths) -> float:
     """Half the width of the 95 % confidence interval of the mean; 0 for a single length."""
     return 1.96 * float(lengths.std(ddof=1)) / len(lengths) ** 0.5 if len(lengths) > 1 else 0.0

@@ -12,6 +12,7 @@ import numpy as np
 from pursuit.validation import check
 from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.algorithms.ppo import PPO
+from train.evaluation.games import usual_episodes
 from train.evaluation.scores import (
     BEST_RETURN,
     BY_GOALS,
@@ -33,7 +34,7 @@ from train.settings.checks import evaluation_seed
 from train.teaching.teacher import CURRICULUM_COLUMNS, CURRICULUM_LOG
 
 EPISODES = 500
-"""Episodes of an evaluation during training."""
+"""Episodes of an evaluation during training; fewer in long games of many agents."""
 
 
 class SingleAgent:
@@ -43,7 +44,7 @@ class SingleAgent:
         parts: of the run.
         evaluate: the evaluated policy, greedy or sampled.
         state: a `state_dict`; None for a new run.
-        episodes: of an evaluation during training; None for `EPISODES`.
+        episodes: of an evaluation during training; None for the usual ones.
 
     Raises:
         One of `MISFITS`: a state of other settings.
@@ -70,7 +71,9 @@ class SingleAgent:
         if self.teacher is not None:
             draws = parts.algorithm.learns_distribution
             self.teacher.scored_policy = self.learner.policy(greedy=not draws)
-        self.contest: AnyContest = parts.world.contest(episodes or EPISODES)
+        self.contest: AnyContest = parts.world.contest(
+            episodes or usual_episodes(parts.world.task, EPISODES)
+        )
         self.optimum = self.contest.optimal()
         self.objective = self.contest.measure
 
