@@ -81,6 +81,8 @@ def test_its_best_responses_have_the_return_of_their_play(agent: str) -> None:
     assert played.mean_return == pytest.approx(best.mean_return, abs=2.5 * played.value_ci95)
     others = contest.score("random", contest.scripted())
     assert others.mean_return < best.mean_return
+    imitated = task_world_of(settings(role=agent, view=5), how == "ippo").optimal_policy()
+    assert np.array_equal(imitated.plan, contest.best_policy().plan)
 
 
 def test_nash_conv_of_random_play_is_what_best_responses_gain() -> None:

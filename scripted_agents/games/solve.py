@@ -15,7 +15,7 @@ from scripted_agents.exact.joint.layout import NO_SLIPS, Store
 from scripted_agents.exact.joint.results import Equilibrium, JointNashConv, SolvedGame
 from scripted_agents.exact.joint.shapley_iteration import StochasticGame, solve_stochastic_game
 from scripted_agents.exact.long_work import report
-from scripted_agents.exact.tolerances import SMALL_GAME_TOLERANCE, TIE
+from scripted_agents.exact.tolerances import EQUAL_VALUES, SMALL_GAME_TOLERANCE, TIE
 from scripted_agents.games.small_game import DRAWN, Behaviour, SmallGame, check_game
 
 if TYPE_CHECKING:  # slow to import
@@ -53,9 +53,12 @@ class SmallResponse(_Tables):
         mean_over_starts: the mean of `values` over the starts; also `mean`.
         policies: by player, its policy as in `SmallGame.table`; with a horizon that of the first
             step; also `tables`.
+        uniform: of a single player, as `policies`, the policy that plays all its optimal actions
+            with the same probability; empty for several players.
     """
 
     players: tuple[str, ...]
+    uniform: dict[str, Values]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,13 +126,17 @@ class Replies(NamedTuple):
     step: csr_array
     rewards: Values
 
-    def best(self, later: Values, discount: float, tie: float) -> NDArray[np.int64]:
-        """[states] the first of the options that are best up to `tie`, with values [states] `later`
-        of the next step."""
+    def all_best(self, later: Values, discount: float, tie: float) -> NDArray[np.bool_]:
+        """[options] whether an option is best up to `tie`, with values [states] `later` of the next
+        step."""
         worth = self.rewards + discount * (self.step @ later)
         best = np.maximum.reduceat(worth, self.options[:-1])
         slack = tie * np.maximum(1.0, np.abs(best))
-        good = np.flatnonzero(worth >= np.repeat(best - slack, np.diff(self.options)))
+        return np.asarray(worth >= np.repeat(best - slack, np.diff(self.options)))
+
+    def best(self, later: Values, discount: float, tie: float) -> NDArray[np.int64]:
+        """[states] the first option of `all_best`."""
+        good = np.flatnonzero(self.all_best(later, discount, tie))
         return np.asarray(good[np.searchsorted(good, self.options[:-1])])
 
 
@@ -198,8 +205,15 @@ def respond(
         table = np.zeros(offsets[-1])
         table[offsets[:-1] + first % sizes[:, place]] = 1.0
         tables[team[place]], first = table, first // sizes[:, place]
+    uniform = {}
+    if len(team) == 1:
+        good = replies.all_best(later, discount, EQUAL_VALUES).astype(np.float64)
+        many = np.add.reduceat(good, options[:-1])
+        uniform[team[0]] = good / np.repeat(many, np.diff(options))
     mean = float(game.start @ values)
-    return SmallResponse(values=values, mean_over_starts=mean, policies=tables, players=team)
+    return SmallResponse(
+        values=values, mean_over_starts=mean, policies=tables, players=team, uniform=uniform
+    )
 
 
 def nash_conv(

@@ -144,6 +144,11 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         check(not self.task.discrete_actions, "unknown for discrete actions: omit --optimal")
         return LeastStepsPolicy()
 
+    def optimal_policy(self) -> ArmPolicy:
+        """As `Contest`: there is none, as an arm has no known distribution over actions."""
+        why = "an arm has continuous actions, or an unknown optimum; take another game"
+        raise ValueError(f"no optimal policy to imitate: {why}")
+
     @property
     def notes(self) -> list[str]:
         """As `Contest`: the bounds of the minimum steps."""

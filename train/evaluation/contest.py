@@ -57,6 +57,7 @@ from train.evaluation.hidden_contest import Certificate, bounds_in, discounted
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED_TITLES, MazeContest
 from train.evaluation.objective_gap import duel_gap, joint_gap, tour_gap
+from train.evaluation.optimal_policy import OptimalActions
 from train.evaluation.recordings import MOST_BOTH_CELLS, MOST_OVERLAY_CELLS, duel_overlays
 from train.evaluation.scores import (
     BY_GOALS,
@@ -70,6 +71,7 @@ from train.evaluation.scores import (
     ObjectiveGap,
     Reference,
     Score,
+    not_imitable,
 )
 
 
@@ -82,7 +84,6 @@ class GameContest(MazeContest):
     (`work_of`). The search for a certificate takes at most `search_seconds`.
     """
 
-    mask_bumps: bool = False
     most_work: int = MAX_WORK
     search_seconds: float = SEARCH_SECONDS
 
@@ -334,6 +335,15 @@ class GameContest(MazeContest):
             reason = "the best response to these agents in this task is not solved"
         check(reason is None, f"optimal {self.role}: {reason}; leave out --optimal")
         return TourRunner()
+
+    def optimal_actions(self) -> OptimalActions:
+        """As `MazeContest`; of a team one joint action (`JointResponse.optimal_actions`)."""
+        if self.exact_reference.kind in ("tour", "duel"):
+            return super().optimal_actions()
+        best = self.best_in(self.measure)
+        if not isinstance(best, JointResponse):
+            raise not_imitable("it is not solved")
+        return best.optimal_actions
 
     def optimum(self) -> Score | None:
         """As `Contest`."""

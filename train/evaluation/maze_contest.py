@@ -23,8 +23,10 @@ from scripted_agents import tour_lengths
 from scripted_agents.environments import DEFAULTS
 from scripted_agents.exact.hidden.limited_view_policies import limited_references
 from scripted_agents.exact.references import TOUR, Question
+from scripted_agents.exact.tours.runner import check_tours, first_moves
 from train.evaluation.departures import Departures
 from train.evaluation.games import Escapes, other_role, play_out, stepper, won_by
+from train.evaluation.optimal_policy import DuelActions, OptimalActions, OptimalPolicy
 from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
@@ -36,6 +38,7 @@ from train.evaluation.scores import (
     beside_of,
     label_of,
     measure_of_role,
+    not_imitable,
     strongest_reference,
 )
 from train.files import Plain
@@ -49,7 +52,8 @@ SCRIPTED_TITLES = {"chaser": "A* chaser", "evader": "A* evader", "runner": "near
 class MazeContest(Contest[Policy, Simulator]):
     """Evaluation of one agent of a task against fixed policies; the base of the contests in mazes.
 
-    Starts are seeded, and the same for all evaluated policies.
+    Starts are seeded, and the same for all evaluated policies. `mask_bumps` says whether the agent
+    has action masks.
     """
 
     NO_REPLAY: ClassVar[str] = ""
@@ -60,6 +64,7 @@ class MazeContest(Contest[Policy, Simulator]):
     opponents: dict[str, Policy]
     episodes: int = 1000
     seed: int = EVALUATION_SEED
+    mask_bumps: bool = False
 
     @property
     def seat(self) -> int:
@@ -99,6 +104,20 @@ class MazeContest(Contest[Policy, Simulator]):
     def scripted(self) -> Policy:
         """As `Contest`: A*, of a runner the nearest goal."""
         return DEFAULTS[self.role](0.0)
+
+    def uniform_policy(self) -> Policy:
+        """As `Contest`: of the first step of duels and whole games."""
+        if self.mask_bumps and not self.task.stay_action and self.exact_reference.kind != "tour":
+            raise not_imitable("it may wait, which mask_bumps forbids without stay_action")
+        return OptimalPolicy(self.optimal_actions(), self.task, self.seats, self.mask_bumps)
+
+    def optimal_actions(self) -> OptimalActions:
+        """All optimal actions, where they are known (`exact_reference`)."""
+        if self.exact_reference.kind == "tour":
+            check_tours(self.task)
+            return first_moves
+        assert self.opponent is not None  # a duel
+        return DuelActions(self.task, self.seat, self.opponent).in_games
 
     @property
     def actions(self) -> FunctionActions:

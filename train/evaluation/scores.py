@@ -428,6 +428,21 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         reason = self.exact_reference.reason or "it is not solved"
         raise ValueError(f"optimal policy: {reason}; leave out --optimal")
 
+    def optimal_policy(self) -> PolicyT:
+        """The optimal policy as a target of imitation: in mazes and small games uniform over all
+        equally good actions of a state. Of games whose solver gives one policy it is that one.
+
+        Raises:
+            ValueError: it is not known.
+        """
+        if reason := self.exact_reference.reason:
+            raise not_imitable(reason)
+        return self.uniform_policy()
+
+    def uniform_policy(self) -> PolicyT:
+        """`optimal_policy`, which is known."""
+        return self.best_policy()
+
     # -- scores --------------------------------------------------------------------------------
 
     @abstractmethod
@@ -543,6 +558,12 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""
         return None
+
+
+def not_imitable(reason: str) -> ValueError:
+    """The error where the optimal policy is not known, for this reason."""
+    remedy = "a smaller game, a full view, or opponents with known probabilities"
+    return ValueError(f"no optimal policy to imitate: {reason}; give {remedy}")
 
 
 AnyContest: TypeAlias = Contest[Any, Any]

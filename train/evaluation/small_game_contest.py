@@ -93,6 +93,10 @@ class SmallGameContest(ReturnContest):
         """As `Contest`: that of the first step."""
         return TableAgent(self.task, self.agent, self.best.policies[self.agent])
 
+    def uniform_policy(self) -> StatePolicy:
+        """As `Contest`: of the first step."""
+        return TableAgent(self.task, self.agent, self.best.uniform[self.agent])
+
     def columns(self, policy: StatePolicy) -> dict[str, float]:
         """As `Contest`: how far the return is below that of the best response, and NashConv with
         the policies of the others."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pursuit.simulator.batch import Batch
 from pursuit.validation import Missing
+from scripted_agents.exact.limits import MAX_EVALUATED_WORK
 from train.evaluation.sides import Sides
 from train.families.policies import NamedPolicies
 from train.networks.seat import Seat
@@ -67,6 +68,24 @@ class TaskWorld(ABC):
     @abstractmethod
     def contest(self, episodes: int, seed: int = EVALUATION_SEED) -> Any:
         """The contest of evaluations: in the task itself, independent of the curriculum."""
+
+    def optimal_policy(self) -> Any:
+        """The exact best response of the learning agent to the opponents of these settings, in the
+        measure of its evaluation, as a target of imitation: uniform over all equally good actions.
+
+        In games in mazes with `distribution(task, games, seat)`, also in several mazes, in small
+        games with `table(task)`. It is the policy of the first step of an episode, in all steps: so
+        its result is exactly the optimum where the time limit does not change what is optimal.
+        Where time costs nothing, as with exits or for goals in a race, waiting can be as good as
+        going, and it may run into the time limit. Of a team that learns as one player it is one
+        optimal plan, without its ties, as members that mix independently play other joint actions;
+        of a kind of games with a `ReturnSolver` it is the policy of that solver.
+
+        Raises:
+            ValueError: it is not known: of the arm, with a limited view, of a game that is too
+                large, or against a policy without known probabilities.
+        """
+        return self.contest(1).solved_up_to(MAX_EVALUATED_WORK).optimal_policy()
 
     def brief(self, episodes: int, steps: int) -> Any:
         """A contest of few short episodes, to measure how long evaluations take."""

@@ -99,7 +99,7 @@ class GridWorld(TaskWorld):
             )
             return TeamContest(self.task, role, *given[2:], mask_bumps=self.settings.mask_bumps)
         if len(self.task.mazes) > 1:
-            return SuiteContest(*given)
+            return SuiteContest(*given, mask_bumps=self.settings.mask_bumps)
         return GameContest(*given, mask_bumps=self.settings.mask_bumps)
 
 

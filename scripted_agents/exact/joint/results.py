@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from pursuit.mazes.maze import Maze
 from pursuit.rules.layout import Games
-from scripted_agents.exact.joint.policy import JointPlan
+from pursuit.tasks.task import Task
+from scripted_agents.exact.joint.policy import JointPlan, check_game
 from scripted_agents.exact.joint.states import JointStates
 
 
@@ -64,6 +65,9 @@ class JointResponse(SolvedGame):
         reaches_values: whether the policy attains the values exactly; False if a plan for every
             step does not fit into MAX_PLAN_BYTES, so that the plan of the first step is used.
         horizon, discount: of the problem.
+        optimal: [states, actions] bool, all optimal actions of the first step of a single responder
+            (in turns of both halves of a round, with as many steps left); of those that keep the
+            cell only one. None for several responders.
     """
 
     agents: tuple[str, ...]
@@ -72,6 +76,7 @@ class JointResponse(SolvedGame):
     reaches_values: bool
     horizon: int | None
     discount: float
+    optimal: NDArray[np.bool_] | None = field(repr=False)
 
     @property
     def policy(self) -> JointPlan:
@@ -92,6 +97,23 @@ class JointResponse(SolvedGame):
         that are over."""
         numbers = self.states.numbers(games)
         return np.where(numbers < 0, 0.0, self.values.ravel()[np.maximum(numbers, 0)])
+
+    def optimal_actions(self, task: Task, games: Games, seat: int) -> NDArray[Any]:
+        """[games, actions], above 0 for the actions of `optimal`, none in games that are over.
+
+        Of several responders as one player those of the plan's first step, one for each: if they
+        drew independently from the actions in all optimal joint actions, they would also play joint
+        actions that are not optimal.
+
+        Raises:
+            ValueError: games of another task, or another seat.
+        """
+        check_game(self.policy, task, seat)
+        if self.optimal is None:
+            plan = JointPlan(self.states, self.policy.seats, self.policy.choices[:1])
+            return plan.distribution(task, games, seat)
+        numbers = self.states.numbers(games)
+        return self.optimal[numbers] & (numbers >= 0)[:, None]
 
 
 TeamResponse = JointResponse

@@ -85,7 +85,8 @@ def solve_joint(
     sign = _sign(task, seats, objective)
     fixed = tuple(seat for seat in range(task.num_agents) if seat not in seats)
     filled = policies_of(task, fixed, policies)
-    check_joint_states(task, most_states, 16 + 2 + bytes_of_others(task, filled))
+    ties = task.num_actions if len(seats) == 1 else 0
+    check_joint_states(task, most_states, 16 + 2 + ties + bytes_of_others(task, filled))
     states = joint_states_of(task)
     others = lay_out_others(states, filled)
     own = seats if counted is None else _seats_of(task, counted)
@@ -96,7 +97,7 @@ def solve_joint(
     problem = Problem(states, seats, others, (what,), sign, discount)
     if horizon is None and discount == 1.0:
         _check_end(problem, for_all=sign < 0.0)
-    values, choices, exact = _solve(problem, horizon, keep=True)
+    values, choices, exact, optimal = _solve(problem, horizon, keep=True)
     mean = float(states.mean_over_starts(values)[0])
     names = tuple(task.agent_names[seat] for seat in seats)
     plan = JointPlan(states, seats, choices)
@@ -108,6 +109,7 @@ def solve_joint(
         mean_over_starts=mean,
         policies=dict.fromkeys(names, plan),
         reaches_values=exact,
+        optimal=optimal,
         horizon=horizon,
         discount=discount,
     )
@@ -175,7 +177,7 @@ def quantities_of(
     problem = Problem(states, (), others, tuple(wanted.values()), 1.0, discount)
     if horizon is None and discount == 1.0:
         _check_end(problem, for_all=True)
-    values, _, _ = _solve(problem, horizon, keep=False)
+    values, *_ = _solve(problem, horizon, keep=False)
     return states, values
 
 
@@ -266,8 +268,9 @@ def _check_team(task: Task, horizon: int | None, discount: float) -> None:
 
 def _solve(
     problem: Problem, horizon: int | None, keep: bool
-) -> tuple[NDArray[np.float64], NDArray[np.integer], bool]:
-    """Values [states, quantities], choices [steps, states], and whether those are of all steps."""
+) -> tuple[NDArray[np.float64], NDArray[np.integer], bool, NDArray[np.bool_] | None]:
+    """Values [states, quantities], choices [steps, states], whether those are of all steps, and of
+    an agent alone `JointResponse.optimal`."""
     states, decide = problem.states, problem.states.task.num_actions ** len(problem.deciding)
     values = np.zeros((states.count, len(problem.quantities)))
     choice = np.zeros(states.count, dtype=np.int16)
@@ -281,20 +284,21 @@ def _solve(
                     f"value iteration has not converged after {MAX_SWEEPS} sweeps: the end of the "
                     "game is too rare; give a horizon, or a smaller discount"
                 )
-            return values, choice.astype(small)[None], True
+            return values, choice.astype(small)[None], True, sweeper.optimal()
         plan: list[NDArray[np.integer]] = []
         workspace = MAX_PLAN_BYTES // np.dtype(small).itemsize // states.count
         before = 0
         for before in sweeper.steps(horizon):
             if keep and before <= workspace:
                 plan.append(choice.astype(small))
+        optimal = sweeper.optimal()
         if before > workspace or not keep:
-            return sweeper.values, choice.astype(small)[None], False
+            return sweeper.values, choice.astype(small)[None], False, optimal
         if horizon > workspace:  # the stored plan has only the last steps
-            return sweeper.values, plan[-1][None], False
+            return sweeper.values, plan[-1][None], False, optimal
         # After convergence, earlier steps are equal to the last one computed.
         steps = np.stack([*[plan[-1]] * (horizon - before), *plan[::-1]])
-        return sweeper.values, steps, True
+        return sweeper.values, steps, True, optimal
 
 
 def _check_end(problem: Problem, for_all: bool) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from pursuit.compilation.compiled import compiled, inlined
 from scripted_agents.exact.joint.layout import Backup, Store, Workspace
 from scripted_agents.exact.joint.slips import slip_options
-from scripted_agents.exact.tolerances import TIE
+from scripted_agents.exact.tolerances import EQUAL_VALUES, TIE
 
 
 @inlined
@@ -64,3 +64,18 @@ def sweep(
                 changes[segment, 0] = max(changes[segment, 0], abs(worth - values[state, q]))
                 changes[segment, 1] = max(changes[segment, 1], abs(worth))
                 target[state, q] = worth
+
+
+@compiled
+def list_optimal(work: Workspace, store: Store, backup: Backup, values: Any, optimal: Any) -> None:
+    """Set `optimal` [states, actions] bool for the options of a single agent that are best up to
+    EQUAL_VALUES, with `values` after them."""
+    for state in range(optimal.shape[0]):
+        ours, edge, best = store.shape[state, 0], store.edges[state], np.inf
+        if ours > 0:
+            back_up(store, state, work, backup, values)
+        for own in range(ours):
+            best = min(best, backup.sign * work.worth[own, 0])
+        for own in range(ours):
+            worse = backup.sign * work.worth[own, 0] - best
+            optimal[state, store.joints[edge + own]] = worse <= EQUAL_VALUES * max(1.0, abs(best))

@@ -27,7 +27,7 @@ from scripted_agents.exact.joint.layout import (
 )
 from scripted_agents.exact.joint.opponents import OtherPolicies
 from scripted_agents.exact.joint.states import JointStates
-from scripted_agents.exact.joint.sweep_kernels import sweep
+from scripted_agents.exact.joint.sweep_kernels import list_optimal, sweep
 from scripted_agents.exact.limits import MAX_STORE_BYTES
 from scripted_agents.exact.long_work import Solving
 from scripted_agents.exact.tolerances import JOINT_TOLERANCE, MAX_SWEEPS, MAX_THREADS, SWEEP_WINDOW
@@ -167,6 +167,9 @@ class Sweeper:
         values: [states, quantities] float64, the initial values.
         choice: [states] int16, output: the joint actions of the deciding players.
 
+    Attributes:
+        later: [states, quantities] float64, the values after the step that `choice` is for.
+
     Raises:
         ValueError: the transitions do not fit into memory.
     """
@@ -175,6 +178,7 @@ class Sweeper:
         self, problem: Problem, values: NDArray[np.float64], choice: NDArray[np.int16]
     ) -> None:
         self.problem, self.values, self.choice = problem, values, choice
+        self.later = values
         self._solving = Solving(f"exact solution of {len(values):,} states")
         self.store = filled_store(problem)
         self._backup = Backup(problem.sign, problem.discount, problem.only_whether)
@@ -228,6 +232,7 @@ class Sweeper:
             self._solving(step / horizon)
             change, largest = self.sweep(parts, target)
             self.values, target = target, self.values
+            self.later = target
             yield step
             if (change <= SAME * np.maximum(largest, 1.0)).all():
                 return
@@ -251,6 +256,16 @@ class Sweeper:
         else:
             list(self._pool.map(part, range(self._threads)))
         return changes[:, 0], changes[:, 1]
+
+    def optimal(self) -> NDArray[np.bool_] | None:
+        """[states, actions] bool, all optimal actions of the step that `choice` is for, of those
+        that keep the cell only the one that `choice` can hold; None unless one agent decides."""
+        if len(self.problem.deciding) != 1:
+            return None
+        actions = self.problem.states.task.num_actions
+        optimal = np.zeros((self.problem.states.count, actions), dtype=bool)
+        list_optimal(self._rooms[0], self.store, self._backup, self.later, optimal)
+        return optimal
 
 
 def threads_for(states: int) -> int:

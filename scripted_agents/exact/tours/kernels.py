@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pursuit.compilation.compiled import allocating, compiled
-from pursuit.rules.distances import table_distance
-from pursuit.rules.layout import UNREACHABLE, Games, World
+from pursuit.rules.distances import moves_of, table_distance
+from pursuit.rules.layout import FIRST_CELL, UNREACHABLE, Games, World
 from pursuit.rules.randomness import next_below
 
 FAR = 2**29
@@ -183,3 +183,36 @@ def plan_next_goals(games: Games, seat: int, world: World, plans: Any, scratch: 
         next_goal[game] = -1
         if count > 0:
             next_goal[game] = cells[first_of_tour(between, count, best)]
+
+
+@allocating
+def list_first_moves(games: Games, seat: int, world: World, first_moves: Any) -> None:
+    """Set in `first_moves` [games, actions] bool all moves with which a shortest tour begins.
+
+    One table of reversed tours holds the rest of the tour from each goal on, and so the tours from
+    all neighbouring cells.
+    """
+    num_goals, moves = games.goal.shape[1], moves_of(world.neighbors)
+    cells = np.empty(num_goals, dtype=np.int64)
+    between = np.zeros((1 + num_goals, 1 + num_goals), dtype=np.int32)
+    best = np.empty((1 << num_goals, num_goals), dtype=np.int32)
+    lengths = np.empty(len(moves), dtype=np.int64)
+    for game in range(first_moves.shape[0]):
+        maze, own, count = np.int64(games.maze[game]), games.position[game, seat], 0
+        for cell in games.goal[game]:
+            if cell >= 0:
+                cells[count] = cell
+                count += 1
+        for i in range(count):
+            for j in range(count):
+                between[i + 1, j + 1] = table_distance(world, maze, cells[j], cells[i])
+        held_karp(between, count, best)
+        lengths[:] = FAR
+        for action in moves:
+            cell = np.int64(world.neighbors[world.mazes[FIRST_CELL, maze] + own, action])
+            for goal in range(count if cell != own else 0):
+                rest = best[(1 << count) - 1, goal]
+                length = table_distance(world, maze, cell, cells[goal]) + rest
+                lengths[action] = min(lengths[action], length)
+        for action in moves:
+            first_moves[game, action] = lengths[action] == lengths.min() < FAR

@@ -8,14 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pursuit.mazes.maze import Maze
+from pursuit.mazes.maze import MAX_TABLE_CELLS, Maze
+from pursuit.mazes.maze_arrays import lay_out
+from pursuit.rules import layout
 from pursuit.rules.layout import TABLE, Games
 from pursuit.simulator.policy import GameView
 from pursuit.tasks.task import Task
 from scripted_agents.agents import kernels
 from scripted_agents.agents.scripted import Scripted
 from scripted_agents.exact.limits import why_no_tour
-from scripted_agents.exact.tours.kernels import first_of_tour, plan_next_goals
+from scripted_agents.exact.tours.kernels import first_of_tour, list_first_moves, plan_next_goals
 
 
 class Plans(NamedTuple):
@@ -121,3 +123,24 @@ def _next_goal(maze: Maze, own: int, goals: list[int]) -> int:
     between = np.stack([maze.distances_to(int(cell))[cells] for cell in cells])
     best = np.empty((1 << len(goals), len(goals)), dtype=np.int32)
     return int(cells[first_of_tour(between, len(goals), best)])
+
+
+def first_moves(task: Task, games: Games, seat: int) -> NDArray[np.bool_]:
+    """[games, actions] bool, all moves with which a shortest tour through the remaining goals
+    begins; none in games without goals.
+
+    Raises:
+        ValueError: a maze without a table of distances.
+    """
+    check_tours(task)
+    found = np.zeros((len(games.steps), task.num_actions), dtype=bool)
+    own = layout.copied_games(games, slice(None))  # one type: compiled once
+    list_first_moves(own, seat, lay_out(task.mazes), found)
+    return found
+
+
+def check_tours(task: Task) -> None:
+    """ValueError where `first_moves` does not know the tours of a task."""
+    if task.max_cells > MAX_TABLE_CELLS:
+        most = f"shortest tours are listed for up to {MAX_TABLE_CELLS}"
+        raise ValueError(f"a maze of {task.max_cells} cells; {most}: take a smaller maze")

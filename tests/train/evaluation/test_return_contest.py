@@ -89,12 +89,15 @@ def test_references_are_the_random_policy_and_what_a_solver_says() -> None:
     found = contest.reference([low, best], contest.score("learned", Mirror(2)))
     assert found is not None and found.kind == "exact"
     assert contest.best_policy().square == 2 and contest.scripted() is random
+    assert contest.optimal_policy().square == 2  # it has no ties, as the solver gives one policy
     unsolved = ReturnContest(
         TASK, "red", {**OTHERS, "blue": AnyFree()}, ClaimsBatch, 9, solver=ByHand()
     )
     assert unsolved.baselines() == [] and unsolved.why_no_optimum == "no mirrors"
     with pytest.raises(ValueError, match="optimal policy: no mirrors; leave out --optimal"):
         unsolved.best_policy()
+    with pytest.raises(ValueError, match="no optimal policy to imitate: no mirrors; give"):
+        unsolved.optimal_policy()
     lone = ReturnContest(TASK, "red", OTHERS, ClaimsBatch, 9)
     assert lone.exact_reference.reason == "this game has no solver"
     with pytest.raises(ValueError, match="only learned policies"):
