@@ -8,12 +8,15 @@ from __future__ import annotations
 import contextlib
 import math
 import signal
+import sys
 from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import cycle
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from self_play_runs import side_by
@@ -389,6 +392,35 @@ def test_every_learner_of_self_play_resumes_in_a_scheme(
 )  # fmt: skip
 def test_teams_and_memories_resume(changes: Any, tmp_path: Path) -> None:
     check_resumption(SELF_PLAY, both(**changes), tmp_path)
+
+
+class Drawing:
+    """A policy that draws from the random numbers of its agent, and tells no distribution."""
+
+    role = "chaser"
+
+    def __init__(self, task: Any = None, role: str = "") -> None:
+        pass
+
+    def act(self, view: Any) -> Any:
+        return (4 * view.uniform()).astype(np.int32)
+
+
+@pytest.mark.parametrize("algorithm", [name for name in SINGLE if entry(name).imitates])
+def test_a_learner_that_imitates_resumes(
+    algorithm: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is imitated draws; the weight of imitation becomes 0 at 60 % of the budget."""
+    drawn: Any = ModuleType("drawn")
+    drawn.Drawing = Drawing
+    monkeypatch.setitem(sys.modules, "drawn", drawn)
+    frames = LONGER.get(algorithm, FRAMES)
+    how = {"imitate": "drawn:Drawing", "imitate_frames": round(0.6 * frames)}
+    check_resumption(RUN, tiny(algorithm, **CHASER, **how), tmp_path)
+
+
+def test_self_play_that_imitates_resumes(tmp_path: Path) -> None:
+    check_resumption(SELF_PLAY, both(imitate="astar", imitate_frames=FRAMES), tmp_path)
 
 
 # -- longer budgets --------------------------------------------------------------------------------

@@ -33,7 +33,7 @@ def runs(data: Path) -> str:
     """A row for every learner and its seconds."""
     found, usual = list[Row](), set[str]()
     for (learner, seconds), own in grouped(
-        read_table(data / "runs.csv"), "learner", "seconds"
+        read_table(data / "former.csv"), "learner", "seconds"
     ).items():
         places = grouped(own, "played_in")
         inside, here = (places.get(place, []) for place in ("pettingzoo", "simulator"))
