@@ -164,6 +164,28 @@ def test_self_play_and_small_games_imitate(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "game",
+    [
+        SMALL,
+        {"task": "maze", "maze": "3x3", "num_goals": 2, "threads": 1, "log": "none"},
+        {**SMALL, "num_chasers": 2, "algorithm": "ippo"},
+        {"game": "border_control", "threads": 1, "log": "none"},
+    ],
+    ids=["chase", "maze", "team", "small game"],
+)
+def test_what_imitates_the_optimum_comes_near_to_it(game: Any, tmp_path: Path) -> None:
+    """A start with the optimum to imitate ends nearer to it than without."""
+    gaps = []
+    for how in ({}, {"imitate": "optimal", "imitate_frames": 15_000}):
+        settings = settings_of(**game, **ROLLOUTS, frames=20_000, curriculum="none", **how)
+        run: Any = start(RUN, settings, tmp_path / f"run {len(gaps)}")
+        run.train()
+        found = run.results(episodes=200)["evaluation"]
+        gaps.append(abs(found.get("optimality_gap") or found["return_regret"]))
+    assert gaps[1] < 0.7 * gaps[0], gaps
+
+
 def test_names_of_runs_depend_on_what_is_imitated(tmp_path: Path) -> None:
     plain = settings_of(**SMALL, frames=20_000, **ROLLOUTS)
     first = start(RUN, plain, tmp_path / "first")
