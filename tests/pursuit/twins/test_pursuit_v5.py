@@ -200,13 +200,13 @@ def test_windows_of_any_odd_size_are_equal(obs_range: int) -> None:
     play(twins(True, True, True, obs_range), 20, shared=True)
 
 
-def test_the_preset_is_the_default_game() -> None:
+def test_the_preset_is_the_default_game_with_own_rewards() -> None:
     task = TaskSettings(**preset_task("sisl-pursuit", TaskSettings)).build()
-    game = paired(pursuit_v5.parallel_env(), task)
+    game = paired(pursuit_v5.parallel_env(shared_reward=False), task)
     game.env.reset(seed=1)
     assert game.base.max_cycles == task.max_steps
     np.testing.assert_array_equal(game.base.map_matrix.T == 0, task.mazes[0].cell_numbers >= 0)
-    captures, _ = play(game, 100, shared=True)
+    captures, _ = play(game, 100, shared=False)
     assert captures > 0
 
 

@@ -191,7 +191,7 @@ def test_the_budget_changes_tuned_ppo_in_one_maze_only() -> None:
 
 def test_the_preset_of_a_game_sets_the_task_and_options_take_precedence() -> None:
     found = settings_of(preset="sisl-pursuit", seconds=60)
-    assert (found.algorithm, found.observation, found.network) == ("ippo", "pursuit_v5", "mlp")
+    assert (found.algorithm, found.observation, found.network) == ("ippo", "pursuit_v5_flat", "mlp")
     assert (found.task.maze, found.task.num_evaders, found.task.opponent) == (
         "pursuit_v5",
         30,

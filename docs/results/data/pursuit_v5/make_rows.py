@@ -146,7 +146,7 @@ def pettingzoo(how: Plain, seed: int, seconds: float, starts: range) -> Trained:
 
 
 def simulated(policy: Any, seed: int) -> PursuitV5Episodes:
-    """Episodes in our simulator, with shared rewards."""
+    """Episodes in our simulator, whose mean rewards are those of the environment."""
     task = TaskSettings(**preset_task("sisl-pursuit", TaskSettings)).build()
     games = pursuit.Simulator(task, SIMULATED, seed, auto_restart=False)
     actions = np.zeros((SIMULATED, task.num_agents), dtype=np.int32)
