@@ -209,6 +209,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
     parser.add_argument("--only", nargs="*", help="learners of `judged`")
+    parser.add_argument("--seeds", nargs="*", type=int, help="seeds of `judged`")
     given = parser.parse_args()
     if given.learner == "search":
         for _, trial, seconds in missing(
@@ -220,7 +221,8 @@ def main() -> None:
         return
     if given.learner == "judged":
         for learner, seed, seconds in missing(OUT / "runs.csv", JUDGED):
-            if given.only is None or learner in given.only:
+            chosen = given.only is None or learner in given.only
+            if chosen and (given.seeds is None or seed in given.seeds):
                 how = chosen_for_sb3() if learner == "sb3" else LEARNERS.get(learner, {})
                 add_rows(OUT / "runs.csv", learner, seed, seconds, how, JUDGED_ON)
         return
