@@ -22,6 +22,7 @@ from pursuit.simulator.simulator import Simulator
 from pursuit.tasks.pursuit_v5 import PursuitV5Rewards
 from pursuit.tasks.rewards import REWARDS
 from pursuit.tasks.task import Rewards, Task
+from train.networks.policy import MazeSeat
 from train.settings.presets import preset_task
 from train.settings.task import TaskSettings
 
@@ -228,6 +229,16 @@ def test_the_space_is_that_of_the_original() -> None:
     last = game.ours.observe("pursuit_v5")
     turned = game.ours.observe(first)  # type: ignore[arg-type]
     np.testing.assert_array_equal(turned, np.moveaxis(last, -1, 2))
+
+
+def test_flat_windows_are_the_same_numbers_and_are_not_scaled() -> None:
+    game = twins(True, True, True).ours
+    windows, flat = (game.observe(name) for name in ("pursuit_v5", "pursuit_v5_flat"))
+    np.testing.assert_array_equal(flat, windows.reshape(*windows.shape[:2], -1))
+    most = max(game.task.num_chasers, game.task.num_evaders)
+    for encoding, scale in (("pursuit_v5", most), ("pursuit_v5_flat", 1.0)):
+        features = MazeSeat(game.task, "chaser", encoding, network="mlp").features
+        assert (features.high == scale).all()
 
 
 def test_an_even_window_and_a_graph_are_refused() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pursuit
 from pursuit.observations.observations import Encoder
 from pursuit.simulator.policy import GameView, TabularPolicy, tells_its_play
 from pursuit.tasks.task import make_task
@@ -14,6 +15,7 @@ from pursuit.tasks.visibility import Limit
 from scripted_agents import AStarChaser, AStarEvader, RandomAgent, TablePolicy
 from scripted_agents.exact.references import is_known, is_table_in, reference_of
 from train.evaluation.contest import GameContest
+from train.evaluation.games import usual_episodes
 from train.evaluation.matchups import match
 from train.evaluation.self_play_metrics import exploited
 from train.networks.policy import JointPolicy, LearnedPolicy, NetworkPolicy, sees_cells_only
@@ -158,3 +160,19 @@ def test_all_limits_of_views_are_known_to_the_proven_intervals() -> None:
     """`bounds_in`, the beliefs and `visibility_of` take these; one more is taken up, or refused by
     `_why_no_bounds`, before it is added here."""
     assert Limit._fields == ("view_radius", "line_of_sight", "unknown_maze")
+
+
+@pytest.mark.parametrize(
+    ("task", "episodes"),
+    [
+        ({"num_chasers": 1, "num_evaders": 1, "max_steps": 200}, 1000),
+        ({"num_chasers": 4, "num_evaders": 4, "max_steps": 250}, 1000),
+        ({"num_chasers": 4, "num_evaders": 4, "max_steps": 500}, 500),
+        ({"num_chasers": 8, "num_evaders": 30, "max_steps": 500}, 105),
+        ({"num_chasers": 25, "num_evaders": 50, "max_steps": 500}, 100),
+    ],
+)
+def test_long_games_of_many_agents_are_evaluated_by_fewer_episodes(
+    task: dict[str, int], episodes: int
+) -> None:
+    assert usual_episodes(pursuit.Task("15x15-open", **task), 1000) == episodes
