@@ -199,7 +199,9 @@ class Algorithm:
 
     def check_imitation(self, name: str, seat: Seat) -> None:
         """ValueError unless it can imitate the policy of this name in the seat."""
-        able = ", ".join(_names_of(lambda other: other.imitates))
+        able = ", ".join(
+            _names_of(lambda other: other.imitates and not other.settings.SELF_PLAY_ONLY)
+        )
         why = {
             f"algorithm={self.name!r}, which does not learn from rollouts; use {able}": (
                 not self.imitates

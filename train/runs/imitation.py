@@ -19,22 +19,23 @@ TRIED = 2
 
 
 def expert_of(
-    settings: RunSettings, world: TaskWorld, seat: Seat, algorithm: Algorithm
+    settings: RunSettings, world: TaskWorld, seat: Seat, algorithm: Algorithm, frames: int = 0
 ) -> Expert | None:
-    """What a learner of these settings imitates; None without `imitate`.
+    """What a learner of these settings imitates; None without `imitate`, and when it is over.
 
     Args:
         settings: of the run.
         world: its task with the other agents.
         seat: the learning agent or team in the training games.
         algorithm: of the learner.
+        frames: of the learner so far.
 
     Raises:
         ValueError: an algorithm or seat that cannot imitate; an unknown policy, one with memory, or
             of another game, role or other actions; an optimum that is not known.
     """
     name = settings.imitate
-    if name is None:
+    if name is None or frames >= settings.imitate_frames:
         return None
     algorithm.check_imitation(name, seat)
     policy: Any

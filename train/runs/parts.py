@@ -62,10 +62,10 @@ class Parts:
     build: Build
     rank: int = 0
 
-    def games(self) -> tuple[BatchEnv | LearnerVectorEnv, Teacher | None]:
-        """The training environment, and the teacher in it."""
+    def games(self, frames: int = 0) -> tuple[BatchEnv | LearnerVectorEnv, Teacher | None]:
+        """The training environment of a learner with these frames, and the teacher in it."""
         games = self.hyper.num_games
-        expert = expert_of(self.settings, self.world, self.seat, self.algorithm)
+        expert = expert_of(self.settings, self.world, self.seat, self.algorithm, frames)
         if self.algorithm.own_loop:
             own = (games, self.build.seed, self.hyper.last_gamma)
             return self.world.vector_games(self.seat, *own), None

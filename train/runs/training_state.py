@@ -40,7 +40,7 @@ def build_env_and_learner(
     """
     if state is not None:
         check_learned(parts.algorithm.name, state, parts.seat)
-    env, teacher = parts.games()
+    env, teacher = parts.games(0 if state is None else state["learner"].get("frames", 0))
     if state is not None:  # before the collector of the learner reads the environment
         restore_simulator(env.simulator, state["simulator"])
         if teacher is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +110,7 @@ def self_play_parts(settings: SelfPlayBase) -> SelfPlayParts:
         algorithm.check_team(seat)
         algorithm.check_memory(own.hyper, seat)
         more = (build_of(own), game, training, own.min_probability or 0.0, settings.average)
-        expert = expert_of(settings, game.world, seat, algorithm)
+        expert = partial(expert_of, settings, game.world, seat, algorithm)
         sides[role] = SideParts(seat, algorithm, own.hyper, *more, sources.get(role), expert)
     return SelfPlayParts(settings, game, sides, frozen, scripted)
 

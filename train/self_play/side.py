@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +114,7 @@ class SideParts:
         min_probability: of actions of the evaluated policy.
         average: whether the averaged weights are evaluated, saved and pooled, or the last ones.
         source: the folder of the policy whose weights it starts from; None for new weights.
-        expert: the policy that it imitates at first; None for none.
+        expert: (its frames) -> the policy that it imitates; None for none.
     """
 
     seat: Seat
@@ -126,10 +126,13 @@ class SideParts:
     min_probability: float
     average: bool = True
     source: str | None = None
-    expert: Expert | None = None
+    expert: Callable[[int], Expert | None] = lambda frames: None
 
-    def games(self, number: int, others: Sequence[str]) -> tuple[BatchEnv, Opponents]:
-        """The training environment of the side with this number, and its opponents."""
+    def games(
+        self, number: int, others: Sequence[str], frames: int = 0
+    ) -> tuple[BatchEnv, Opponents]:
+        """The training environment of the side with this number, whose learner has these frames,
+        and its opponents."""
         game, seat, members = self.game, self.seat, self.seat.members
         count, steps = self.hyper.num_games, self.hyper.rollout_steps
         seed, first = self.build.seed, number * 2**20
@@ -138,7 +141,7 @@ class SideParts:
         policies = [opponents.policies.get(role) for role in game.by_agent]
         how = (opponents, members, game.scale(seat.agent), game.bounded)
         env = self.algorithm.env_form(batch, seat, policies, *how)
-        env.expert = self.expert
+        env.expert = self.expert(frames)
         return env, opponents
 
 
@@ -164,7 +167,8 @@ class Side:
         self, parts: SideParts, number: int, others: Sequence[str], state: StateDict | None = None
     ) -> None:
         self.parts = parts
-        self.env, self.opponents = parts.games(number, others)
+        frames = 0 if state is None else state["learner"]["frames"]
+        self.env, self.opponents = parts.games(number, others, frames)
         self.simulator = self.env.simulator
         if state is not None:
             check_learned(parts.algorithm.name, state, parts.seat)

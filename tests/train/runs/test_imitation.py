@@ -19,7 +19,7 @@ from train.algorithms.collector import EXPERT
 from train.algorithms.registry import ALGORITHMS, entry
 from train.environments.batch_env import BatchEnv, Expert
 from train.experiments.identity import fingerprint, inputs_of
-from train.kinds import start
+from train.kinds import resume, start
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.opponents import load_policy
 from train.runs.parts import parts_of, settings_of
@@ -162,6 +162,24 @@ def test_self_play_and_small_games_imitate(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         policy.table(seat.task).reshape(-1, 3), [[0.7, 0.2, 0.1]] * 10, atol=0.06
     )
+
+
+@pytest.mark.parametrize("kind", [RUN, SELF_PLAY])
+def test_a_run_whose_imitation_is_over_does_not_need_the_policy(kind: str, tmp_path: Path) -> None:
+    model = tmp_path / "model"
+    start(SELF_PLAY, self_play_settings_of(maze="3x3", frames=300, threads=1), model).train()
+    imitated = str(model if kind == SELF_PLAY else model / "chaser")
+    how = {"maze": "3x3", "frames": 20_000, "threads": 1, "imitate": imitated, **ROLLOUTS}
+    make: Any = settings_of if kind == RUN else self_play_settings_of
+    for count in (500, 50_000):
+        folder = tmp_path / f"run {count}"
+        run: Any = start(kind, make(**how, imitate_frames=count), folder)
+        run.train(lambda run, row: setattr(run, "stopped", run.trainee.frames > 2000))
+        run.lock and run.lock.release()
+    model.rename(tmp_path / "elsewhere")
+    resume(tmp_path / "run 500", kind).train()
+    with pytest.raises(ValueError, match="not a policy"):
+        resume(tmp_path / "run 50000", kind)
 
 
 @pytest.mark.parametrize(
