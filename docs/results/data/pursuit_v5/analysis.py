@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
@@ -14,24 +13,14 @@ from train.reports.tables import plain_table
 
 NAMES = {
     "ippo": "IPPO, the preset",
-    "imitation": "the same, imitating `gathering` at first",
+    "imitation": "the same, imitating GatheringTeam at first",
+    "ippo-local": "IPPO, own rewards",
+    "mappo": "MAPPO, the preset",
     "sb3": "PPO of Stable-Baselines3 with SuperSuit",
-    "gathering": "`GatheringTeam`, the same windows",
+    "gathering": "GatheringTeam, the same windows",
     "astar": "A* chasers, which see everything",
     "random": "random",
 }
-STEPS = {
-    "the preset": {},
-    "shared rewards": {"rewards": "pursuit_v5"},
-    "windows divided by 30": {"observation": "pursuit_v5"},
-    "without the agent's number": {"agent_id": False},
-    "discount 0.95, lambda 0.8": {"gamma": 0.95, "gae_lambda": 0.8},
-    "512 games at once, minibatches of 1,024": {"num_games": 512, "minibatch_size": 1024},
-    "learning rate 0.002": {"learning_rate": 0.002},
-    "entropy bonus 0.003": {"entropy_coef": 0.003},
-    "`--imitate gathering`": {"imitate": "gathering", "imitate_frames": 4_000_000},
-}
-"""The settings of pilots that change one thing in the preset."""
 URGENCY = 0.8
 """What the eight agents lose together in a step."""
 Row = dict[str, Any]
@@ -51,9 +40,10 @@ def returns_of(rows: Sequence[Row]) -> str:
     return text
 
 
-def runs(data: Path) -> str:
-    """A row for every learner and its seconds."""
-    rows = sorted(read_table(data / "runs.csv"), key=lambda row: [*NAMES].index(row["learner"]))
+def runs(path: Path) -> str:
+    """A row for every learner and its seconds, by runs in PettingZoo."""
+    rows = [row for row in read_table(path) if row["played_in"].startswith("pettingzoo")]
+    rows.sort(key=lambda row: [*NAMES].index(row["learner"]))
     found = []
     for (learner, seconds), own in grouped(rows, "learner", "seconds").items():
         places = grouped(own, "played_in")
@@ -74,22 +64,6 @@ def runs(data: Path) -> str:
     return plain_table(found).markdown()
 
 
-def pilots(data: Path) -> str:
-    """What each change of the preset costs or brings."""
-    rows, found = read_table(data / "pilots.csv"), []
-    for name, how in STEPS.items():
-        own = [row for row in rows if json.loads(row["settings"]) == how]
-        places = grouped(own, "played_in")
-        values = {place: [row["mean_return"] for row in those] for place, those in places.items()}
-        found.append({
-            "change": name,
-            "returns": ", ".join(f"{value:.0f}" for value in values["pettingzoo"]),
-            "greedy": ", ".join(f"{value:.0f}" for value in values["pettingzoo, greedy"]),
-            "million agent steps": f"{mean_of(places['pettingzoo'], 'agent_steps') / 1e6:.1f}",
-        })  # fmt: skip
-    return plain_table(found).markdown()
-
-
 def published(data: Path) -> str:
     """The highest points of published learning curves."""
     found: list[Row] = [
@@ -106,4 +80,5 @@ def published(data: Path) -> str:
 
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
-    return {"runs": runs(data), "pilots": pilots(data), "published": published(data)}
+    found = {name: runs(data / f"{name}.csv") for name in ("runs", "former")}
+    return {**found, "published": published(data)}
