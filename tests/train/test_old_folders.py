@@ -126,13 +126,23 @@ def test_a_study_is_reported_again(
     assert "4 complete already" in capsys.readouterr().out
 
 
+def nearly(value: Any) -> Any:
+    """A value of a JSON file with numbers to six places: linear programs differ by processor."""
+    if isinstance(value, dict):
+        return {name: nearly(own) for name, own in value.items()}
+    if isinstance(value, list):
+        return [nearly(own) for own in value]
+    return round(value, 6) + 0.0 if isinstance(value, float) else value
+
+
 @pytest.mark.parametrize("archive", ARCHIVES)
 def test_a_league_is_played_again_over_its_folder(archive: Path, tmp_path: Path) -> None:
     folder, pair = (extracted(archive, name, tmp_path) for name in ("league", "pair"))
     before = json.loads((folder / "league.json").read_text())
     main(["league", str(pair), "astar", "random", "--games", "20", "--out", str(folder)])
     after = json.loads((folder / "league.json").read_text())
-    assert all(before[name] == after[name] for name in ("payoff", "chaser_ratings", "nash"))
+    for name in ("payoff", "chaser_ratings", "nash"):
+        assert nearly(before[name]) == nearly(after[name]), name
 
 
 def test_every_key_of_results_is_documented() -> None:

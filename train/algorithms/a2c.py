@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.collector import EXPERT
 from train.algorithms.fused_rollouts import FusedEngine, fused_engine
-from train.algorithms.learner import no_actions
+from train.algorithms.learner import expert_in, no_actions
 from train.algorithms.ppo import PPO
 from train.algorithms.rollouts import Frames, TorchEngine
 from train.networks.fused_actor_critic import LossCoefficients
@@ -53,7 +53,7 @@ class Reinforce(A2C):
 
     def _choose_engine(self, fused: bool) -> FusedEngine | TorchEngine:
         engine = None
-        if fused and self.ppo.critic and self.env.expert is None:
+        if fused and self.ppo.critic and expert_in(self.env) is None:
             engine = fused_engine(self.env, self.network, 1, self.device)
         return engine or super()._choose_engine(fused=False)
 
@@ -78,8 +78,8 @@ class Reinforce(A2C):
             names = [name for name in ("observation", ACTION_MASK) if name in now.keys()]  # noqa: SIM118 (of a TensorDict)
             seen = {name: now[name][running].to(self.device) for name in names}
             steps.append({**seen, **self.engine.act(seen)})
-            if env.expert is not None:
-                steps[-1][EXPERT] = env.expert_probabilities()[running].to(self.device)
+            if expert_in(env) is not None:
+                steps[-1][EXPERT] = cast(Any, env).expert_probabilities()[running].to(self.device)
             actions[running] = steps[-1]["action"].cpu()
             now = env.step_episodes(actions, running)
             played.append((running, now["reward"][running, 0]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 import torch
 
 from pursuit.observations.masks import ACTION_MASK
-from train.algorithms.learner import VecEnv, steps_tensors
+from train.algorithms.learner import VecEnv, expert_in, steps_tensors
 from train.networks.policy import CRITIC
 
 if TYPE_CHECKING:  # slow to import
@@ -109,8 +109,8 @@ class Collector:
         """The kept columns of a step, and all its results."""
         row = {name: now[name].to(self.device) for name in SEEN if name in now.keys()}  # noqa: SIM118 (of a TensorDict)
         row["episode_start"] = self.episode_start
-        if self.env.expert is not None:
-            row[EXPERT] = self.env.expert_probabilities().to(self.device)
+        if expert_in(self.env) is not None:
+            row[EXPERT] = cast(Any, self.env).expert_probabilities().to(self.device)
         self.states.append(self.state)
         state = self.state.masked_fill(self.episode_start[:, None], 0.0)
         chosen, self.state = self.act(row, state)

@@ -29,10 +29,8 @@ class VecEnv(Protocol):
         num_games: number of parallel games.
         rows: of its tensors: games, times the members of a team.
         resume: if set, the next full reset continues the current episodes.
-        expert: the policy that the learner imitates; None for none.
     """
 
-    expert: Any
     hook: EpisodeHook
     num_games: int
     rows: int
@@ -49,9 +47,6 @@ class VecEnv(Protocol):
         self, actions: torch.Tensor, running: torch.Tensor
     ) -> dict[str, torch.Tensor]:
         """A step without restarts, for learning from whole episodes."""
-
-    def expert_probabilities(self) -> torch.Tensor:
-        """[rows, actions]: what `expert` plays in the current states."""
 
 
 class HasState(Protocol):
@@ -72,6 +67,11 @@ def steps_tensors(env: VecEnv) -> bool:
 def has_masks(env: VecEnv) -> bool:
     """Whether an environment provides an "action_mask"."""
     return bool(env.player.has_masks)
+
+
+def expert_in(env: Any) -> Any:
+    """The `Expert` that the learner in a `BatchEnv` imitates; None for none, and elsewhere."""
+    return getattr(env, "expert", None)
 
 
 def no_actions(env: VecEnv) -> torch.Tensor:

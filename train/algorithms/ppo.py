@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import torch
 
@@ -12,7 +12,7 @@ from pursuit.observations.masks import ACTION_MASK
 from train.algorithms.advantages import standardized
 from train.algorithms.collector import EXPERT
 from train.algorithms.fused_rollouts import FusedEngine, fused_engine
-from train.algorithms.learner import Build, HasState, NetworkLearner, VecEnv, means
+from train.algorithms.learner import Build, HasState, NetworkLearner, VecEnv, expert_in, means
 from train.algorithms.rollouts import Figures, Frames, TorchEngine, actor_critic_of, select
 from train.networks.actor_critic import ActorCritic
 from train.networks.distributions import DISTRIBUTION
@@ -130,11 +130,12 @@ class PPO(NetworkLearner):
     def imitation(self) -> float:
         """The weight of imitation in the next iteration; where it is 0 nothing is imitated any
         more."""
-        if self.env.expert is None:
+        expert = expert_in(self.env)
+        if expert is None:
             return 0.0
-        weight = 1.0 - self.frames / self.env.expert.frames
+        weight = 1.0 - self.frames / expert.frames
         if weight <= 0.0:
-            self.env.expert = None
+            cast(Any, self.env).expert = None
         return max(weight, 0.0)
 
     def set_schedules(self, progress: float) -> None:
@@ -161,7 +162,7 @@ class PPO(NetworkLearner):
         """
         settings, own = self.ppo, type(self)
         custom_loss, penalised = own.loss is not PPO.loss, settings.kl_target > 0
-        custom = custom_loss or own.collect is not PPO.collect or self.env.expert is not None
+        custom = custom_loss or own.collect is not PPO.collect or expert_in(self.env) is not None
         sizes = (self.env, self.network, settings.rollout_steps, self.device)
         if fused and settings.critic and not penalised and not custom:
             engine = fused_engine(*sizes)
