@@ -47,7 +47,7 @@ def results_in(folder: Path) -> Any:
     return json.loads((folder / "results.json").read_text())
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "ippo", "mappo", "dqn", "vdn", "qmix"])
+@pytest.mark.parametrize("algorithm", ["ppo", "ippo", "mappo", "dqn", "iql", "vdn", "qmix"])
 @pytest.mark.parametrize("view", [1, 5])
 def test_it_is_trained_evaluated_and_viewed(
     algorithm: str, view: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -23,6 +23,7 @@ from train.algorithms import (
     cross_entropy,
     dqn,
     ippo,
+    iql,
     mappo,
     nfsp,
     ppo,
@@ -303,6 +304,7 @@ _ours("mmd", regularized.MMD.build, regularized.MMD.network_of, **_ROLLOUTS)
 _ours("rnad", regularized.RNaD.build, regularized.RNaD.network_of, **_ROLLOUTS)
 _ours("ippo", ippo.IPPO.build, ippo.IPPO.network_of, **_ROLLOUTS, recurrent=True)
 _ours("mappo", mappo.MAPPO.build, mappo.MAPPO.network_of, **_ROLLOUTS, recurrent=True)
+_ours("iql", iql.IQL, iql.IQL.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("vdn", vdn.VDN, vdn.VDN.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("qmix", qmix.QMIX, qmix.QMIX.network_of, **_GREEDY, self_play=True, teams=True)
 _ours("nfsp", nfsp.NFSP, nfsp.NFSP.network_of, self_play=True)

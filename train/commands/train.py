@@ -27,7 +27,7 @@ H = TypeVar("H", bound=Hyperparameters, covariant=True)
 
 @dataclass(frozen=True)
 class TrainCommand(RunCommand, Generic[H]):
-    """Train one agent, or all of a role (--algorithm ippo, mappo, vdn or qmix), against fixed
+    """Train one agent, or all of a role (--algorithm ippo, mappo, iql, vdn or qmix), against fixed
     opponents, or an arm, and compare the result with the exact optimum.
 
     Options depend on --task (default: chase), --algorithm (default: ppo) and --curriculum (default:

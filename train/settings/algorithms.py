@@ -222,6 +222,12 @@ class MAPPOSettings(TeamSettings, PPOSettings):
 
 
 @dataclass(frozen=True)
+class IQLSettings(TeamSettings, DQNSettings):
+    """Independent Q-learning of all agents of a role (Tan, 1993; Tampuu et al., 2017): every agent
+    has action values of its own observation, from its own reward."""
+
+
+@dataclass(frozen=True)
 class VDNSettings(TeamSettings, DQNSettings):
     """Value decomposition networks (Sunehag et al., 2018): deep Q-learning of the sum of the action
     values of all agents of a role, from their mean reward."""
@@ -421,6 +427,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
     "nfsp": NFSPSettings,
     "ippo": IPPOSettings,
     "mappo": MAPPOSettings,
+    "iql": IQLSettings,
     "vdn": VDNSettings,
     "qmix": QMIXSettings,
     "sb3_ppo": LibraryPPOSettings,
@@ -430,7 +437,7 @@ HYPERPARAMETERS: dict[str, type[Hyperparameters]] = {
 """The hyperparameters of every algorithm by name; see `algorithms/registry.py` for the learners."""
 
 
-TUNED_AS = {"ippo": "ppo", "mappo": "ppo", "vdn": "dqn", "qmix": "dqn"}
+TUNED_AS = {"ippo": "ppo", "mappo": "ppo", "iql": "dqn", "vdn": "dqn", "qmix": "dqn"}
 """The algorithms whose tuned hyperparameters others have."""
 
 

@@ -70,9 +70,9 @@ class TrainSettings(RunSettings, Generic[S]):
     """Settings of the curriculum."""
     algorithm: str = "ppo"
     """ppo, a2c, reinforce, dqn, cross_entropy or q_learning; sb3_ppo (PPO of Stable-Baselines3) or
-    cleanrl_ppo (in CleanRL's form); ippo, mappo, vdn or qmix for all agents of a role; for the arm
-    ppo, a2c, reinforce, cross_entropy, ddpg, td3 or sac; or package.module:Name of a user-defined
-    algorithm."""
+    cleanrl_ppo (in CleanRL's form); ippo, mappo, iql, vdn or qmix for all agents of a role; for the
+    arm ppo, a2c, reinforce, cross_entropy, ddpg, td3 or sac; or package.module:Name of a
+    user-defined algorithm."""
     curriculum: str = "none"
     """Scheduled: opponent-epsilon, slip, goal-spread-fixed, goal-spread-start, start-distance,
     num-goals, maze-size, loops; for the arm target-distance, free-joints, hold, tolerance.

@@ -159,6 +159,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "nfsp": {"num_games": 32, "batch_size": 64, "learning_starts": 100, "anticipatory": 0.5},
     "ippo": {"num_games": 32, "minibatch_size": 128},
     "mappo": {"num_games": 32, "minibatch_size": 128},
+    "iql": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
     "vdn": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
     "qmix": {"num_games": 32, "batch_size": 64, "learning_starts": 100},
 }

@@ -38,6 +38,7 @@ SIZES: dict[str, dict[str, Any]] = {
     "vdn": {"batch_size": 16, "learning_starts": 32, "rollout_steps": 4},
 }
 SHARING = ("shared", "separate", "joint")
+SIZES["iql"] = SIZES["vdn"]
 SIZES["qmix"] = SIZES["vdn"] | {"mixing_width": 8}
 
 
@@ -338,11 +339,42 @@ def test_rows_of_vdn_are_steps_of_whole_games() -> None:
     assert learner.frames == 6 * rollout["reward"].numel()
 
 
-def test_vdn_of_one_agent_is_dqn() -> None:
+def test_rows_of_iql_are_steps_of_single_agents_in_their_games() -> None:
+    """Written one agent and step at a time: the returns are of its own rewards, and end when it
+    leaves; its frames after that are in no row."""
+    learner, env = learner_of(parts("iql", role="evader", num_evaders=3, n_steps=2))
+    gamma, rewards, skipped = learner.settings.gamma, set(), 0
+    for _ in range(12):
+        rollout = learner.collector.rollout()
+        before = learner.replay.cursor
+        learner.store(rollout)
+        rows = learner.replay.columns()
+        row, (agents, steps) = before, rollout["reward"].shape
+        for agent, step in product(range(agents), range(steps)):
+            if rollout["idle"][agent, step]:
+                skipped += 1
+                continue
+            reward, last = rollout["reward"][agent, step], step
+            if step + 1 < steps and not rollout["done"][agent, step]:
+                last, reward = step + 1, reward + gamma * rollout["reward"][agent, step + 1]
+            torch.testing.assert_close(rows["reward"][row], reward)
+            assert torch.equal(rows["observation"][row], rollout["observation"][agent, step])
+            assert rows["action"][row] == rollout["action"][agent, step]
+            assert rows["terminated"][row] == rollout["terminated"][agent, last]
+            after = rollout["next_observation"][agent, last]
+            assert torch.equal(rows["next_observation"][row], after)
+            rewards.add(float(reward))
+            row += 1
+        assert row == learner.replay.cursor
+    assert skipped and len(rewards) > 2 and learner.frames == 12 * env.rows * steps
+
+
+@pytest.mark.parametrize("algorithm", ["iql", "vdn"])
+def test_iql_and_vdn_of_one_agent_are_dqn(algorithm: str) -> None:
     alone = {"num_chasers": 1, "num_evaders": 1}
     weights = []
-    for algorithm, form in (("vdn", "vdn"), ("dqn", "vdn")):
-        given = settings(form, **alone) | {"algorithm": algorithm}
+    for name in (algorithm, "dqn"):
+        given = settings("vdn", **alone) | {"algorithm": name}
         learner, _ = learner_of(parts_of_run(train.settings_of(**given)))
         for _ in range(6):
             learner.iterate(0.2)
@@ -416,7 +448,7 @@ def test_teams_learn_in_self_play(algorithm: str, sharing: str, tmp_path: Path) 
         ({"sharing": "all"}, "unknown sharing 'all'; one of shared, separate, joint"),
         (
             {"algorithm": "qplex"},
-            "unknown algorithm 'qplex'; .*vdn, qmix",
+            "unknown algorithm 'qplex'; .*iql, vdn, qmix",
         ),
         (
             {"algorithm": "maddpg"},
