@@ -1,11 +1,12 @@
-"""Tables of docs/results/teams.md: team learners under three rules of capture.
+"""Tables of docs/results/teams.md and of README.md: critics and layers (cells.csv), and team
+learners under three rules of capture (runs.csv).
 
 The random unit is a maze with its seed, of 5x5-open a seed; units with a missing run are left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from math import exp, log
 from pathlib import Path
@@ -13,7 +14,13 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from train.experiments.committed import grouped, read_table
-from train.experiments.statistics import LEVEL, holm, mean_interval, sign_flip_p
+from train.experiments.statistics import (
+    LEVEL,
+    holm,
+    mean_interval,
+    ratio_with_interval,
+    sign_flip_p,
+)
 from train.reports.tables import plain_table
 
 LEARNERS = ("separate", "ippo", "mappo", "joint", "vdn")
@@ -22,6 +29,15 @@ HARD = RULES[1:]
 """The rules for which several chasers are needed."""
 LEAST_GAP, RATIO, SHARE = 0.001, log(1.25), 0.1
 """Smaller gaps count as this one; margins of claims: a ratio of gaps, a difference of shares."""
+CRITICS, LAYERS = ("own", "state"), ("shared", "separate")
+CELLS = ("own, shared", "own, separate", "state, shared", "state, separate")
+VALUES = ("iql", "vdn")
+LAST = ("no number, own observation, shared layers", "vdn against iql")
+NO_NUMBER = "own, shared, no number"
+BUDGETS = {"steps": (*CELLS, NO_NUMBER, *VALUES), "seconds": CELLS[:1]}
+"""The learners of critics and layers that have runs, by what is equal. At equal seconds the first
+has the seconds that the other cells take for their steps, with whose runs it is compared."""
+TWO = RULES[:2]
 Row = dict[str, Any]
 Unit = dict[tuple[str, str], Row]
 """The runs of a unit by learner and rule."""
@@ -95,9 +111,9 @@ def verdict(claim: Claim, p: float) -> str:
     return "equal within the margin" if inside else "undecided"
 
 
-def decided(units: Sequence[Unit]) -> list[Row]:
+def decided(every: Sequence[Claim]) -> list[Row]:
     """Every claim with its effect and verdict."""
-    found, every = list[Row](), claims(units)
+    found = list[Row]()
     ps = holm([sign_flip_p(claim.values) for claim in every])
     for number, (claim, p) in enumerate(zip(every, ps, strict=True), start=1):
         effect = [fmean(claim.values), *mean_interval([claim.values])]
@@ -144,14 +160,141 @@ def budgets(units: Sequence[Unit]) -> list[Row]:
     return found
 
 
+# -- critics and layers ----------------------------------------------------------------------------
+
+Part = Callable[[Row], float]
+
+
+def cells_in(data: Path) -> dict[str, list[Unit]]:
+    """The units of critics and layers with all their runs, by what is equal; in their order."""
+    found: dict[str, list[Unit]] = {budget: [] for budget in BUDGETS}
+    for rows in grouped(read_table(data / "cells.csv"), "maze").values():
+        own = grouped(rows, "budget")
+        runs = {b: {(row["learner"], row["rule"]): row for row in own.get(b, [])} for b in BUDGETS}
+        if all(len(runs[b]) == len(BUDGETS[b]) * len(TWO) for b in BUDGETS):
+            found["steps"].append(runs["steps"])
+            found["seconds"].append(runs["steps"] | runs["seconds"])
+    return found
+
+
+def team_part(row: Row) -> float:
+    """The gap of the team."""
+    return float(row["optimality_gap"])
+
+
+def own_part(row: Row) -> float:
+    """The part of the gap that members can remove alone, their mean gap."""
+    return float(row["members_gap"])
+
+
+def joint_part(row: Row) -> float:
+    """The rest, coordination."""
+    return team_part(row) - own_part(row)
+
+
+def level(unit: Unit, learner: str, rules: Sequence[str] = TWO, part: Part = team_part) -> float:
+    """The mean over rules of the logarithm of a part of the gap."""
+    return fmean(log(max(part(unit[learner, rule]), LEAST_GAP)) for rule in rules)
+
+
+def contrasts(unit: Unit, rules: Sequence[str] = TWO, part: Part = team_part) -> dict[str, float]:
+    """The differences of logarithms of a unit: main effects, their interaction, IQL and VDN."""
+    at = {name: level(unit, name, rules, part) for name in CELLS}
+    own, state = (at[f"{critic}, separate"] - at[f"{critic}, shared"] for critic in CRITICS)
+    shared, separate = (at[f"state, {layers}"] - at[f"own, {layers}"] for layers in LAYERS)
+    found = {
+        "separate layers": (own + state) / 2.0,
+        "critic of the state": (shared + separate) / 2.0,
+        "separate layers, critic of the own observation": own,
+        "separate layers, critic of the state": state,
+        "critic of the state, shared layers": shared,
+        "critic of the state, separate layers": separate,
+        "interaction": state - own,
+    }
+    iql, vdn = (level(unit, name, rules, part) for name in VALUES)
+    found["no number, own observation, shared layers"] = (
+        level(unit, NO_NUMBER, rules, part) - at["own, shared"]
+    )
+    return found | {"vdn against iql": vdn - iql}
+
+
+def cell_claims(units: dict[str, list[Unit]]) -> list[Claim]:
+    """The claims on critics and layers, in order."""
+    names = ("separate layers", "critic of the state")
+    tested = [(name, budget) for budget in BUDGETS for name in names]
+    return [
+        Claim(
+            f"{name}, equal {budget}", -1, RATIO, [contrasts(unit)[name] for unit in units[budget]]
+        )
+        for name, budget in [*tested, *((name, "steps") for name in LAST)]
+    ]
+
+
+def effects(units: dict[str, list[Unit]]) -> list[Row]:
+    """Every contrast as a ratio: of gaps by budget and rule, and at equal steps of both parts."""
+    columns: dict[str, tuple[str, Sequence[str], Part]] = {
+        "both rules": ("steps", TWO, team_part),
+        "cell": ("steps", TWO[:1], team_part),
+        "n_catch": ("steps", TWO[1:], team_part),
+        "members alone": ("steps", TWO, own_part),
+        "coordination": ("steps", TWO, joint_part),
+        "equal seconds": ("seconds", TWO, team_part),
+    }
+    found = []
+    for name in contrasts(units["steps"][0]):
+        line: Row = {"ratio of gaps [95 %]": name}
+        for column, (budget, rules, part) in columns.items():
+            logs = [contrasts(unit, rules, part)[name] for unit in units[budget]]
+            line[column] = "{:.2f} [{:.2f}, {:.2f}]".format(*ratio_with_interval(logs))
+        found.append(line)
+    return found
+
+
+def cells(units: dict[str, list[Unit]]) -> list[Row]:
+    """By learner and budget the geometric mean of the gaps, the share of coordination in the sum of
+    the gaps, and the medians of steps of games and of seconds."""
+    found = []
+    for budget, learners in BUDGETS.items():
+        for name in learners:
+            line: Row = {"equal": budget, "learner": name}
+            for rule in TWO:
+                runs = [unit[name, rule] for unit in units[budget]]
+                gap = exp(fmean(level(unit, name, [rule]) for unit in units[budget]))
+                joint = sum(map(joint_part, runs)) / sum(map(team_part, runs))
+                line |= {f"{rule}: gap": f"{100.0 * gap:.1f} %", f"{rule}: share": f"{joint:.2f}"}
+                steps = median(row["frames"] for row in runs) / 2000.0  # a frame is of one agent
+                line[f"{rule}: thousand steps"] = f"{steps:.0f}"
+                line[f"{rule}: seconds"] = f"{median(row['seconds'] for row in runs):.1f}"
+            found.append(line)
+    return found
+
+
+def cell_gaps(units: dict[str, list[Unit]]) -> list[Row]:
+    """At equal steps the gaps of every maze, and in brackets those of members."""
+    found = []
+    for unit, rule in product(units["steps"], TWO):
+        runs = {name: unit[name, rule] for name in BUDGETS["steps"]}
+        best = runs["iql"]["optimal_steps"]
+        line: Row = {"maze": runs["iql"]["maze"][-3:], "rule": rule, "best steps": f"{best:.2f}"}
+        for name, row in runs.items():
+            line[name] = f"{100.0 * team_part(row):.1f} ({100.0 * own_part(row):.1f})"
+        found.append(line)
+    return found
+
+
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
     units = units_in(data)
     every = [unit for own in units.values() for unit in own]
     spent = budgets(every)
     heads = {name: name.partition(": ")[2] for name in spent[0] if name.endswith(HARD)}
+    both = cells_in(data)
     return {
+        "critics and layers": plain_table(decided(cell_claims(both))).markdown(),
+        "learners": plain_table(cells(both)).markdown(),
+        "effects": plain_table(effects(both)).markdown(),
+        "gaps of every maze": plain_table(cell_gaps(both)).markdown(),
         "gaps": plain_table(gaps(units)).markdown(),
-        "claims": plain_table(decided(every)).markdown(),
+        "claims": plain_table(decided(claims(every))).markdown(),
         "budgets": plain_table(spent, heads).markdown(),
     }
