@@ -25,7 +25,7 @@ from train.settings.task import ReacherSettings
 PAGES = {"reacher_bars": "arm", "small_budgets": "hyperparameters"}
 """The pages of studies whose names are not those of their pages."""
 ANALYSES = [path.parent.name for path in sorted(DATA.glob("*/analysis.py"))]
-OTHERS = {"thesis": 1, "arm": 1, "curricula": 1}
+OTHERS = {"thesis": 1, "arm": 1, "curricula": 1, "teams": 1}
 """By page the number of tables that a test here makes, or that hold no results."""
 NOT_KEPT = "Runs not kept"
 """What a page says of tables whose data are gone."""
@@ -33,7 +33,9 @@ Row = dict[str, Any]
 
 
 def text_of(page: str) -> str:
-    return (RESULTS / f"{page}.md").read_text(encoding="utf-8")
+    """A page, with the further tables in the README beside its rows."""
+    parts = [RESULTS / f"{page}.md", DATA / page / "README.md"]
+    return "\n".join(path.read_text(encoding="utf-8") for path in parts if path.exists())
 
 
 @pytest.mark.parametrize("study", ANALYSES)

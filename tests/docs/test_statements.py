@@ -266,7 +266,7 @@ def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
         )
 
     cell, n_catch, surround = (exp(ratio("optimality_gap", rule)) for rule in rules)
-    said = text_of("results/teams.md")
+    said = text_of("results/data/teams/README.md")
     assert f"{n_catch:.2f} times the gap under `n_catch`" in said
     assert f"{surround:.2f} times under `surround`, but {cell:.2f} times under `cell`" in said
     assert f"takes {exp(ratio('seconds', *rules)):.1f} times the processor seconds" in said
