@@ -166,7 +166,7 @@ class Seat(ABC):
                 rows = np.eye(self.num_actions)[chosen]
             shape = (batch.num_games, self.num_actions)
             fits = np.shape(rows) == shape and are_probabilities(rows)
-            check(fits, f"{policy!r} told no probabilities of shape {shape}; {self._only()}")
+            check(fits, f"{policy!r} gave no probabilities of shape {shape}; {self._only()}")
             found.append(rows)
         return np.stack(found, axis=1)
 

@@ -278,7 +278,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({"imitate": "memory"}, "is a policy with memory"),
         ({"imitate": "sweeping"}, "is a policy with memory"),
         ({"imitate": "shown:Wide"}, "the chaser has 4 actions: north, south, east, west"),
-        ({"imitate": "shown:Negative"}, r"told no probabilities of shape \(2, 4\)"),
+        ({"imitate": "shown:Negative"}, r"gave no probabilities of shape \(2, 4\)"),
         ({"algorithm": "dqn"}, "algorithm='dqn', which does not learn from rollouts; use ppo, a2c"),
         ({"algorithm": "sb3_ppo"}, "algorithm='sb3_ppo', which does not learn from rollouts"),
         ({"algorithm": "cross_entropy", "num_games": 64}, "algorithm='cross_entropy', which does"),
