@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from textwrap import fill
 from types import ModuleType
@@ -19,6 +20,7 @@ from pursuit.validation import one_of
 if TYPE_CHECKING:  # slow to import
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -31,6 +33,10 @@ UNITS = ("frames", "seconds")
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
 BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, GREY, BLACK = PALETTE
+IN_DARK_MODE = (
+    "@media (prefers-color-scheme: dark) { svg > g { filter: invert(.88) hue-rotate(180deg) } }"
+)
+"""The style of figures in pages; hues stay."""
 KINK = 0.1
 """Gaps below this number of per cent are on the linear part of the axis."""
 LABEL_WIDTH = 24
@@ -171,13 +177,25 @@ def save(figure: Figure, path: Path, also: str | None = None, dpi: int = 130) ->
         # `Figure.savefig` draws twice: first only to find the layout.
         write: Any = FigureCanvasAgg(figure).print_png
         if form == "svg":
-            write = partial(FigureCanvasSVG(figure).print_svg, metadata={"Date": None})
+            write = partial(_write_svg, FigureCanvasSVG(figure))
         elif form == "pdf":
             write = partial(FigureCanvasPdf(figure).print_pdf, metadata={"CreationDate": None})
         with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
         figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
     pyplot().close(figure)
+
+
+def _write_svg(canvas: FigureCanvasSVG, path: Path) -> None:
+    """A picture without background, in light colours where the page around it is dark."""
+    drawn = StringIO()
+    patches = [canvas.figure.patch, *(axis.patch for axis in canvas.figure.axes)]
+    for patch in patches:
+        patch.set_visible(False)
+    canvas.print_svg(drawn, metadata={"Date": None})
+    for patch in patches:
+        patch.set_visible(True)
+    path.write_text(drawn.getvalue().replace("</style>", f"{IN_DARK_MODE}</style>", 1), "utf-8")
 
 
 # -- intervals -------------------------------------------------------------------------------------
@@ -209,6 +227,7 @@ def draw_intervals(
     title: str,
     ylabel: str = "",
     also: str = "svg",
+    note: str = "",
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 
@@ -219,6 +238,7 @@ def draw_intervals(
         title: of the figure.
         ylabel: label of the lines.
         also: as of `save`.
+        note: text below the figure.
     """
     everything = [each for _, estimates in panels.values() for each in estimates]
     lines = list(dict.fromkeys(each.line for each in everything))
@@ -251,6 +271,7 @@ def draw_intervals(
     if len(groups) > 1:
         legend_beside(figure, axes[0, :1])
     figure.suptitle(title, fontsize=11)
+    figure.supxlabel(fill(note, int(12 * size[0])), fontsize=8)
     save(figure, path, also)
 
 
