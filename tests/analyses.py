@@ -10,12 +10,21 @@ from train.experiments.analysis import module_at
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 DATA = RESULTS / "data"
+BESIDE = {"self_play_mixing": ["self_play_entropy"]}
+"""By page the folders of data, besides its own, whose README has tables of its analysis."""
 
 
 @cache
 def script(study: str, name: str = "analysis") -> Any:
     """The module in `docs/results/data/STUDY/NAME.py`."""
     return module_at(DATA / study / f"{name}.py")
+
+
+def text_of(page: str) -> str:
+    """A page of results, with the further tables in the READMEs beside its rows."""
+    readmes = [DATA / folder / "README.md" for folder in (page, *BESIDE.get(page, ()))]
+    parts = [RESULTS / f"{page}.md", *(path for path in readmes if path.exists())]
+    return "\n".join(path.read_text(encoding="utf-8") for path in parts)
 
 
 @cache

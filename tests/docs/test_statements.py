@@ -34,6 +34,8 @@ from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+PARTS = ["How it was measured", "What would break it", "Related work", "Repeat it"]
+"""The sections of a page of results."""
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""
 
@@ -64,11 +66,21 @@ def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return sum(apart(split) >= given - 1e-9 for split in splits) / len(splits)
 
 
+def basis(page: Path) -> str:
+    """What a page says that its numbers rest on: how they were measured, or its first lines."""
+    text = page.read_text(encoding="utf-8")
+    if f"## {PARTS[0]}" in text:
+        return text.partition(f"## {PARTS[0]}\n")[2].partition("\n## ")[0]
+    return text.partition("\n\n")[2].partition("\n\n")[0]
+
+
 @pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
-def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
-    title, empty, first = page.read_text(encoding="utf-8").split("\n")[:3]
-    assert title.startswith("# ") and not empty and first.startswith("*Rests on: ")
-    lines = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
+def test_a_results_page_says_what_it_rests_on(page: Path) -> None:
+    text, lines = page.read_text(encoding="utf-8"), basis(page)
+    title, empty, first = text.split("\n")[:3]
+    assert title.startswith("# ") and not empty
+    if not first.startswith("*Rests on: "):
+        assert re.findall("^## (.*)$", text, re.MULTILINE) == PARTS
     assert re.search(r"commit|version|recipe", lines)
     if page.stem != "speed":
         assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
@@ -83,8 +95,7 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         pytest.skip("needs the whole history")
     commits = {*git("rev-list", "HEAD").split()}
     for page in RESULTS:
-        first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", basis(page)):
             assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
     for table in sorted(DATA.rglob("*.csv")):
         own = {row["commit"] for row in read_csv(table) if row.get("commit")}
@@ -125,7 +136,7 @@ def test_most_games_of_the_methods_study_have_no_mixed_state() -> None:
         if solve_chase(load_suite(suite)[number], discount=0.95).mixed.any()
     ]
     assert mixed == ["5x5-test 001", "5x5-test 002", "7x7-test 002"]
-    said = text_of("results/self_play_mixing.md")
+    said = text_of("results/data/self-play-methods/README.md")
     assert f"{20 - len(mixed)} of the 20 games have no state" in said
     assert "5x5-test 001 and 002 and 7x7-test 002 have some" in said
 
