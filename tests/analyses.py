@@ -10,12 +10,28 @@ from train.experiments.analysis import module_at
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 DATA = RESULTS / "data"
+BESIDE = {"self_play_mixing": ["self_play_entropy"]}
+"""By page the folders of data, besides its own, whose README has tables of its analysis."""
+
+
+def basis_of(text: str) -> str:
+    """What a results page says of its runs: how it was measured, or its first lines."""
+    if (head := "\n## How it was measured\n") in text:
+        return text.partition(head)[2].partition("\n## ")[0]
+    return text.partition("\n\n")[2].partition("\n\n")[0]
 
 
 @cache
 def script(study: str, name: str = "analysis") -> Any:
     """The module in `docs/results/data/STUDY/NAME.py`."""
     return module_at(DATA / study / f"{name}.py")
+
+
+def text_of(page: str) -> str:
+    """A page of results, with the further tables in the READMEs beside its rows."""
+    readmes = [DATA / folder / "README.md" for folder in (page, *BESIDE.get(page, ()))]
+    parts = [RESULTS / f"{page}.md", *(path for path in readmes if path.exists())]
+    return "\n".join(path.read_text(encoding="utf-8") for path in parts)
 
 
 @cache

@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Any
 
 import pytest
-from analyses import DATA, RESULTS, script
+from analyses import DATA, script, text_of
 
 from train.experiments.committed import grouped
 from train.experiments.recorded import read_recorded
@@ -47,9 +47,6 @@ def rows() -> list[Row]:
     return found
 
 
-PAGE = RESULTS / "self_play_mixing.md"
-
-
 def test_all_judged_runs_have_rows() -> None:
     both = [analysis.judged(STUDY, matrix) for matrix in (False, True)]
     assert sum(map(len, both)) == 558 + 28
@@ -60,7 +57,7 @@ def test_the_answer_follows_from_the_rows() -> None:
     own, matrix = analysis.judged(STUDY), analysis.judged(STUDY, matrix=True)
     logs = analysis.ratios(analysis.logs_of(own, "ppo"), analysis.logs_of(own, "mmd"))
     share = analysis.shares(own)
-    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    page = " ".join(text_of("self_play_mixing").split())
     above = [game for game in logs if share[game] > 0.05]
     behind = [game for game in above if logs[game] >= 0.0]
     least, most = (100 * end(share[game] for game in above) for end in (min, max))
@@ -68,7 +65,7 @@ def test_the_answer_follows_from_the_rows() -> None:
     assert f"with {least:.0f} to {most:.0f} % mixing" in page
     values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix, about)}
     ratio, low, high = values["PPO / MMD, games above 5 %"]
-    assert f"ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
+    assert f"It ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
     exchanged = read_recorded(DATA / "self_play_entropy" / "runs.csv").values()
     ppo, small, large, mmd = (row["above 5 %"] for row in analysis.by_bonus(own, [*exchanged]))
     assert (

@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
-from analyses import DATA, script, tables_of
+from analyses import DATA, basis_of, script, tables_of
 from scipy.stats import binomtest, mannwhitneyu
 
 from pursuit.mazes.maze import load_maze
@@ -34,6 +34,8 @@ from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
 RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+PARTS = ["How it was measured", "What would break it", "Related work", "Repeat it"]
+"""The sections of a page of results."""
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""
 
@@ -65,13 +67,14 @@ def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
 
 
 @pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
-def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
-    title, empty, first = page.read_text(encoding="utf-8").split("\n")[:3]
-    assert title.startswith("# ") and not empty and first.startswith("*Rests on: ")
-    lines = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-    assert re.search(r"commit|version|recipe", lines)
+def test_a_results_page_says_what_it_rests_on(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    basis = basis_of(text)
+    assert text.startswith("# ")
+    assert "\n## How it was measured\n" in text or basis.startswith("*Rests on: ")
+    assert re.search(r"commit|version|recipe", basis)
     if page.stem != "speed":
-        assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+        assert (re.search(r"seeds?|run", basis) and "defaults" in basis) or "settings" in basis
 
 
 def test_commits_that_results_rest_on_are_in_the_history() -> None:
@@ -83,12 +86,19 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         pytest.skip("needs the whole history")
     commits = {*git("rev-list", "HEAD").split()}
     for page in RESULTS:
-        first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
+        basis = basis_of(page.read_text(encoding="utf-8"))
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", basis):
             assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
     for table in sorted(DATA.rglob("*.csv")):
         own = {row["commit"] for row in read_csv(table) if row.get("commit")}
         assert own - REBASED <= commits, table
+
+
+def test_pages_in_the_form_of_results_have_its_parts() -> None:
+    for page in RESULTS:
+        text = page.read_text(encoding="utf-8")
+        if f"\n## {PARTS[0]}\n" in text:
+            assert re.findall("^## (.*)$", text, re.MULTILINE) == PARTS, page.name
 
 
 def test_how_many_curricula_there_are() -> None:
@@ -125,7 +135,7 @@ def test_most_games_of_the_methods_study_have_no_mixed_state() -> None:
         if solve_chase(load_suite(suite)[number], discount=0.95).mixed.any()
     ]
     assert mixed == ["5x5-test 001", "5x5-test 002", "7x7-test 002"]
-    said = text_of("results/self_play_mixing.md")
+    said = text_of("results/data/self-play-methods/README.md")
     assert f"{20 - len(mixed)} of the 20 games have no state" in said
     assert "5x5-test 001 and 002 and 7x7-test 002 have some" in said
 
