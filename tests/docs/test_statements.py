@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import fmean
 
 import pytest
-from analyses import DATA, script, tables_of
+from analyses import DATA, basis_of, script, tables_of
 from scipy.stats import binomtest, mannwhitneyu
 
 from pursuit.mazes.maze import load_maze
@@ -44,8 +44,12 @@ def data(name: str) -> list[dict[str, str]]:
 
 
 def text_of(page: str) -> str:
-    """The text of a page on one line."""
-    return " ".join((DOCS / page).read_text(encoding="utf-8").split())
+    """The text of a page on one line, of results with the README beside their rows."""
+    paths = [DOCS / page, DATA / Path(page).stem / "README.md"]
+    if not page.startswith("results/"):
+        paths.pop()
+    texts = [path.read_text(encoding="utf-8") for path in paths if path.exists()]
+    return " ".join(" ".join(texts).split())
 
 
 def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
@@ -65,13 +69,13 @@ def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
 
 
 @pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
-def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
-    title, empty, first = page.read_text(encoding="utf-8").split("\n")[:3]
-    assert title.startswith("# ") and not empty and first.startswith("*Rests on: ")
-    lines = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-    assert re.search(r"commit|version|recipe", lines)
-    if page.stem != "speed":
-        assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+def test_a_results_page_says_what_it_rests_on(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    basis = basis_of(text)
+    assert text.startswith("# ")
+    assert "\n## How it was measured\n" in text or basis.startswith("*Rests on: ")
+    assert re.search(r"commit|version|recipe", basis)
+    assert (re.search(r"seeds?|run", basis) and "defaults" in basis) or "settings" in basis
 
 
 def test_commits_that_results_rest_on_are_in_the_history() -> None:
@@ -83,8 +87,8 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         pytest.skip("needs the whole history")
     commits = {*git("rev-list", "HEAD").split()}
     for page in RESULTS:
-        first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
+        basis = basis_of(page.read_text(encoding="utf-8"))
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", basis):
             assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
     for table in sorted(DATA.rglob("*.csv")):
         own = {row["commit"] for row in read_csv(table) if row.get("commit")}
@@ -291,6 +295,16 @@ def test_docstrings_name_every_task() -> None:
 
 
 def test_every_learner_has_a_row_of_its_speed() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
-    rows = set(re.findall(r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)", page, re.MULTILINE))
-    assert rows >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    further = (DATA / "speed" / "README.md").read_text(encoding="utf-8")
+    row = r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)[^|]+\| [\d,]+ \| ([\d,]+) \|"
+    speeds: dict[str, list[int]] = {}
+    for name, speed in re.findall(row, further, re.MULTILINE):
+        speeds.setdefault(name, []).append(int(speed.replace(",", "")))
+    assert set(speeds) >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    page = (DOCS / "results" / "speed.md").read_text(encoding="utf-8")
+    shown = set()
+    for names, ends in re.findall(r"^\| (`.+) \| ([\d,]+ to [\d,]+) \|$", page, re.MULTILINE):
+        own = [each for name in re.findall(r"`(\w+)`", names) for each in speeds[name]]
+        assert ends == f"{min(own):,} to {max(own):,}", names
+        shown |= {*re.findall(r"`(\w+)`", names)}
+    assert shown == set(speeds)
