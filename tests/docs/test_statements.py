@@ -46,8 +46,12 @@ def data(name: str) -> list[dict[str, str]]:
 
 
 def text_of(page: str) -> str:
-    """The text of a page on one line."""
-    return " ".join((DOCS / page).read_text(encoding="utf-8").split())
+    """The text of a page on one line, of results with the README beside their rows."""
+    paths = [DOCS / page, DATA / Path(page).stem / "README.md"]
+    if not page.startswith("results/"):
+        paths.pop()
+    texts = [path.read_text(encoding="utf-8") for path in paths if path.exists()]
+    return " ".join(" ".join(texts).split())
 
 
 def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
@@ -73,8 +77,7 @@ def test_a_results_page_says_what_it_rests_on(page: Path) -> None:
     assert text.startswith("# ")
     assert "\n## How it was measured\n" in text or basis.startswith("*Rests on: ")
     assert re.search(r"commit|version|recipe", basis)
-    if page.stem != "speed":
-        assert (re.search(r"seeds?|run", basis) and "defaults" in basis) or "settings" in basis
+    assert (re.search(r"seeds?|run", basis) and "defaults" in basis) or "settings" in basis
 
 
 def test_commits_that_results_rest_on_are_in_the_history() -> None:
@@ -301,6 +304,16 @@ def test_docstrings_name_every_task() -> None:
 
 
 def test_every_learner_has_a_row_of_its_speed() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
-    rows = set(re.findall(r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)", page, re.MULTILINE))
-    assert rows >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    further = (DATA / "speed" / "README.md").read_text(encoding="utf-8")
+    row = r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)[^|]+\| [\d,]+ \| ([\d,]+) \|"
+    speeds: dict[str, list[int]] = {}
+    for name, speed in re.findall(row, further, re.MULTILINE):
+        speeds.setdefault(name, []).append(int(speed.replace(",", "")))
+    assert set(speeds) >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    page = (DOCS / "results" / "speed.md").read_text(encoding="utf-8")
+    shown = set()
+    for names, ends in re.findall(r"^\| (`.+) \| ([\d,]+ to [\d,]+) \|$", page, re.MULTILINE):
+        own = [each for name in re.findall(r"`(\w+)`", names) for each in speeds[name]]
+        assert ends == f"{min(own):,} to {max(own):,}", names
+        shown |= {*re.findall(r"`(\w+)`", names)}
+    assert shown == set(speeds)
