@@ -317,9 +317,10 @@ def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
 
 
 def test_every_file_of_data_is_named() -> None:
-    text = PAGES["docs/results/index.md"]
-    for file in sorted((DOCS / "results" / "data").rglob("*.csv")):
-        assert f"({file.relative_to(DOCS / 'results')})" in text, file
+    folder = DOCS / "results" / "data"
+    text = PAGES["docs/results/data/README.md"]
+    for file in sorted(folder.rglob("*.csv")):
+        assert f"({file.relative_to(folder)})" in text, file
 
 
 @pytest.mark.parametrize("package", ["pursuit", "scripted_agents", "curricula", "train"])

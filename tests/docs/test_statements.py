@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from itertools import permutations, product
 from math import exp, log
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 
 import pytest
-from analyses import DATA, basis_of, script, tables_of
+from analyses import DATA, HEADINGS, measured, readme_of, script, sections_of, tables_of
 from scipy.stats import binomtest, mannwhitneyu
 
 from pursuit.mazes.maze import load_maze
@@ -33,9 +33,9 @@ from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
-PARTS = ["How it was measured", "What would break it", "Related work", "Repeat it"]
-"""The sections of a page of results."""
+RESULTS = [page.stem for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+OTHER_FORM = {"speed", "front_page"}
+"""Pages that are lists of values."""
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""
 
@@ -47,7 +47,7 @@ def data(name: str) -> list[dict[str, str]]:
 
 def text_of(page: str) -> str:
     """The text of a page on one line, of results with the README beside their rows."""
-    paths = [DOCS / page, DATA / Path(page).stem / "README.md"]
+    paths = [DOCS / page, readme_of(Path(page).stem)]
     if not page.startswith("results/"):
         paths.pop()
     texts = [path.read_text(encoding="utf-8") for path in paths if path.exists()]
@@ -70,14 +70,28 @@ def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return sum(apart(split) >= given - 1e-9 for split in splits) / len(splits)
 
 
-@pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
-def test_a_results_page_says_what_it_rests_on(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    basis = basis_of(text)
-    assert text.startswith("# ")
-    assert "\n## How it was measured\n" in text or basis.startswith("*Rests on: ")
-    assert re.search(r"commit|version|recipe", basis)
-    assert (re.search(r"seeds?|run", basis) and "defaults" in basis) or "settings" in basis
+@pytest.mark.parametrize("page", RESULTS)
+def test_a_results_page_says_what_it_rests_on(page: str) -> None:
+    said = measured(page).lower()
+    assert re.search(r"commit|version|recipe", said)
+    if page != "speed":
+        assert (re.search(r"seeds?|run", said) and "defaults" in said) or "settings" in said
+
+
+@pytest.mark.parametrize("page", [page for page in RESULTS if page not in OTHER_FORM])
+def test_a_results_page_has_the_answer_first_and_four_sections(page: str) -> None:
+    """What is longer stands in the README beside the rows."""
+    text = (DOCS / "results" / f"{page}.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == [*HEADINGS]
+    title, empty, answer = text.split("\n")[:3]
+    assert title.startswith("# ") and not empty and re.match(r"\w", answer)
+    assert all(section.strip() for section in sections_of(page).values())
+    lines = text.splitlines()
+    prose = " ".join(line for line in lines if not line.startswith("|")).split()
+    assert len(prose) <= 600, f"{len(prose)} words without tables"
+    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    assert len(tables) <= 2
+    assert all(table.count("\n") <= 2 + 10 for table in tables)  # two lines are the head
 
 
 def test_commits_that_results_rest_on_are_in_the_history() -> None:
@@ -89,24 +103,16 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         pytest.skip("needs the whole history")
     commits = {*git("rev-list", "HEAD").split()}
     for page in RESULTS:
-        basis = basis_of(page.read_text(encoding="utf-8"))
-        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", basis):
-            assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7,12}\b", measured(page)):
+            assert any(each.startswith(short) for each in commits | REBASED), (page, short)
     for table in sorted(DATA.rglob("*.csv")):
         own = {row["commit"] for row in read_csv(table) if row.get("commit")}
         assert own - REBASED <= commits, table
 
 
-def test_pages_in_the_form_of_results_have_its_parts() -> None:
-    for page in RESULTS:
-        text = page.read_text(encoding="utf-8")
-        if f"\n## {PARTS[0]}\n" in text:
-            assert re.findall("^## (.*)$", text, re.MULTILINE) == PARTS, page.name
-
-
 def test_how_many_curricula_there_are() -> None:
     controls = {"none", "uniform", "reversed", "shuffled"}
-    said = text_of("../README.md")
+    said = text_of("explanation/comparison.md")
     assert f"{len({*CURRICULA} - controls)} curricula, {len(controls)} controls" in said
     assert controls < {*CURRICULA}
 
@@ -283,6 +289,25 @@ def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
     assert f"{n_catch:.2f} times the gap under `n_catch`" in said
     assert f"{surround:.2f} times under `surround`, but {cell:.2f} times under `cell`" in said
     assert f"takes {exp(ratio('seconds', *rules)):.1f} times the processor seconds" in said
+
+
+def test_the_ratio_of_mappo_to_ippo_in_the_study_of_critics_and_layers() -> None:
+    teams = script("teams")
+    units = teams.cells_in(DATA / "teams")["steps"]
+    ratio = teams.ratio_with_interval([teams.mappo_against_ippo(unit) for unit in units])
+    said = "{:.2f} [{:.2f}, {:.2f}] times".format(*ratio)
+    assert f"MAPPO has {said} the gap of IPPO" in text_of("results/teams.md")
+    assert f"its gap is {said} that of IPPO" in text_of("results/index.md")
+
+
+def test_the_gap_rises_where_imitation_ends() -> None:
+    rows = [row for row in data("imitation/runs") if row["variant"] == "optimal"]
+    curves = [[float(gap) for gap in row["curve"].split()] for row in rows]
+    assert {len(curve) for curve in curves} == {20}  # in even distances, up to 300,000 frames
+    early, after, end = (100 * median(curve[place] for curve in curves) for place in (3, 7, 19))
+    said = text_of("results/imitation.md")
+    assert f"median gap was {early:.1f} % after 60,000 frames, {after:.1f} % after 120,000" in said
+    assert f"and {end:.1f} % after 300,000" in said
 
 
 def test_files_of_tests_that_texts_name_exist() -> None:

@@ -233,8 +233,8 @@ def draw_intervals(
 
     Args:
         path: of the figure.
-        panels: by label of the axis: its scale ("linear", "log", "gap", or "share" from 0 to 1),
-            and the values.
+        panels: by label of the axis: its scale ("linear", "log", "ratio" with a line at 1, "gap",
+            or "share" from 0 to 1), and the values.
         title: of the figure.
         ylabel: label of the lines.
         also: as of `save`.
@@ -253,13 +253,16 @@ def draw_intervals(
             shift = 0.6 * ((groups.index(each.group) + 0.5) / len(groups) - 0.5)
             at = lines.index(each.line) + shift
             style = {"color": each.color}
-            axis.plot([each.low, each.high], [at, at], lw=5, alpha=0.35, **style)
+            ends = [each.low, each.high]
+            axis.plot(ends, [at, at], lw=5, alpha=0.35, solid_capstyle="butt", **style)
             axis.plot(each.points, [at] * len(each.points), "|", ms=9, **style)
             axis.plot(each.value, at, "o", ms=6, label=in_legend(each.group), **style)
         if scale == "gap":
             gap_axis(axis, "x", [point for each in estimates for point in each.points])
-        elif scale == "log":
+        elif scale in ("log", "ratio"):
             log_axis(axis, "x")
+            if scale == "ratio":
+                axis.axvline(1.0, color="#333333", lw=1.0, ls=":")
         elif scale == "share":
             axis.set_xlim(-0.03, 1.03)
             axis.axvline(0.5, color="#333333", lw=1.0, ls=":")
