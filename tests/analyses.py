@@ -32,7 +32,7 @@ def readme_of(page: str) -> Path:
 
 
 def text_of(page: str) -> str:
-    """A page of results, if there is one, with the further tables in the READMEs beside its rows."""
+    """A page of results, if there is one, with the further tables in READMEs beside its rows."""
     readmes = [readme_of(page), *(DATA / folder / "README.md" for folder in BESIDE.get(page, ()))]
     parts = [path for path in (RESULTS / f"{page}.md", *readmes) if path.exists()]
     return "\n".join(path.read_text(encoding="utf-8") for path in parts)
