@@ -11,7 +11,7 @@ from train.experiments.analysis import module_at
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
 DATA = RESULTS / "data"
-PAGES = {"reacher_bars": "arm"}
+PAGES = {"reacher_bars": "arm", "effects": "index"}
 """The pages of studies whose names are not those of their pages."""
 BESIDE = {"self_play_mixing": ["self_play_entropy"]}
 """By page the folders of data, besides its own, whose README has tables of its analysis."""

@@ -49,12 +49,22 @@ def figures(data: Path, out: Path) -> None:
     save(figure, out / "curves.png")
 
 
+def gaps_in(data: Path) -> dict[str, dict[str, float]]:
+    """The gap in per cent by variant and maze."""
+    gaps: dict[str, dict[str, float]] = {name: {} for name in VARIANTS}
+    for row in read_recorded(data / "runs.csv").values():
+        gaps[row["variant"]][row["maze"]] = 100.0 * row["optimality_gap"]
+    return gaps
+
+
+def logs_of(gaps: dict[str, dict[str, float]], one: str, two: str) -> list[float]:
+    """Of each maze the logarithm of the ratio of the gaps of two variants."""
+    return [log(gaps[one][maze] / gaps[two][maze]) for maze in gaps[one]]
+
+
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
-    rows = list(read_recorded(data / "runs.csv").values())
-    gaps: dict[str, dict[str, float]] = {name: {} for name in VARIANTS}
-    for row in rows:
-        gaps[row["variant"]][row["maze"]] = 100.0 * row["optimality_gap"]
+    gaps = gaps_in(data)
     ends = [
         {
             "variant": name,
@@ -66,7 +76,7 @@ def tables(data: Path) -> dict[str, str]:
         }
         for name, own in ((name, list(gaps[name].values())) for name in VARIANTS)
     ]
-    logs = [[log(gaps[one][maze] / gaps[two][maze]) for maze in gaps[one]] for one, two in CLAIMS]
+    logs = [logs_of(gaps, one, two) for one, two in CLAIMS]
     claims = [
         {
             "claim": f"{one} below {two}",
