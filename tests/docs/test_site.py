@@ -16,7 +16,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(
-    "name", ["index", "environments/chase", "api/pursuit", "notebooks/self_play"]
+    "name", ["index", "environments/mazes", "api/pursuit", "notebooks/self_play"]
 )
 def test_a_page_asks_nothing_of_the_network_and_its_search_finds(name: str, browser: Any) -> None:
     page = browser.new_page()
