@@ -1,5 +1,5 @@
-"""The tables of the pages of environments, of the API and of exact solutions, made of the code:
-signatures, docstrings, spaces, rewards, names, references, limits.
+"""The tables of the pages of environments, rules, the API and exact solutions, made of the code:
+signatures, docstrings, spaces, rewards, options, names, references, limits.
 
     PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields
 from enum import Enum
 from importlib import import_module
@@ -26,9 +26,9 @@ import pursuit
 from pursuit.environments.parallel import PursuitParallelEnv
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.observations.observations import ENCODINGS, Encoder
-from pursuit.reacher import observations as arm_observations
 from pursuit.reacher.parallel_env import ReacherParallelEnv
-from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
+from pursuit.tasks.options import CAPTURE_CHECKS, CAPTURES, COLLISIONS, MOVE_ORDERS
+from pursuit.tasks.rewards import REWARD_SCHEMES, ROLES, Rewards
 from scripted_agents import environments
 from scripted_agents.exact import limits as limits_module
 from scripted_agents.exact.references import ARMS, MAZES, SMALL_GAMES
@@ -48,8 +48,7 @@ GYMNASIUM = {
 
 def pages() -> list[str]:
     """The pages that hold tables."""
-    found = [page for folder in ("environments", "api") for page in (DOCS / folder).glob("*.md")]
-    found.append(DOCS / "explanation" / "exact.md")
+    found = [page for page in DOCS.rglob("*.md") if PLACE.search(page.read_text(encoding="utf-8"))]
     return sorted(str(page.relative_to(ROOT)) for page in found)
 
 
@@ -120,14 +119,54 @@ def _default(field: Any) -> Any:
     return None if field.default is MISSING else field.default
 
 
-def argument_rows(given: dict[str, Any], texts: dict[str, str]) -> str:
-    """Every argument with its default and what its docstring says."""
+def argument_rows(given: dict[str, Any], texts: dict[str, str], of_rules: Sequence[str]) -> str:
+    """Every argument with its default and what its docstring says; those of one text in one row.
+    What the page of rules defines has one row, with a link."""
     silent = [name for name in given if not texts.get(name)]
     assert not silent, f"no docstring describes {silent}; add them to an `Args:` section"
-    return rows(
-        ("argument", "default", "meaning"),
-        [(f"`{name}`", f"`{plain(value)}`", texts[name]) for name, value in given.items()],
-    )
+    texts = {**texts, **dict.fromkeys(of_rules, f"[options of the rules]({RULES}#options).")}
+    by_text: dict[str, list[str]] = {}
+    for name in given:
+        by_text.setdefault(texts[name], []).append(name)
+    body = []
+    for text, names in by_text.items():
+        defaults = [] if names[0] in of_rules else [f"`{plain(given[name])}`" for name in names]
+        body.append((", ".join(f"`{name}`" for name in names), ", ".join(defaults), text))
+    return rows(("argument", "default", "meaning"), body)
+
+
+RULES = "../explanation/rules.md"
+
+
+def _others(values: tuple[str, ...]) -> str:
+    return ", ".join(f"`{value!r}`" for value in values[1:]).replace("'", '"')
+
+
+OPTIONS = {
+    ("start", "min_start_distance"): ("starts", '`"marks"`; a number of moves'),
+    ("move_order",): ("a-step", _others(MOVE_ORDERS)),
+    ("capture", "n_catch"): ("captures", f"{_others(CAPTURES)}; a number of chasers"),
+    ("capture_check",): ("a-step", _others(CAPTURE_CHECKS)),
+    ("exits", "num_exits"): ("exits", "cells, by default the marks `E`; a number that is drawn"),
+    ("collisions",): ("collisions", _others(COLLISIONS)),
+    ("slip",): ("slips", "a probability, of all agents or by role or agent"),
+}
+"""The options of the rules, with their section of the page of rules and their other values."""
+OF_RULES = [name for names in OPTIONS for name in names]
+
+
+def options(_: str) -> str:
+    """The options of the rules, with their defaults."""
+    common = settings_of(pursuit.make_task("chase"))
+    body = [
+        (
+            f"[{', '.join(f'`{name}`' for name in names)}](#{section})",
+            ", ".join(f"`{plain(common[name])}`" for name in names),
+            others,
+        )
+        for names, (section, others) in OPTIONS.items()
+    ]
+    return rows(("option", "default", "other values"), body)
 
 
 def given_by(name: str) -> dict[str, Any]:
@@ -138,9 +177,9 @@ def given_by(name: str) -> dict[str, Any]:
 
 def arguments(name: str) -> str:
     """Of `parallel_env`."""
-    arm = (ReacherParallelEnv, pursuit.ReacherTask)
-    sources = arm if name == "reacher" else (PursuitParallelEnv, pursuit.Task)
-    return argument_rows(given_by(name), described(*sources))
+    if name == "reacher":
+        return argument_rows(given_by(name), described(ReacherParallelEnv, pursuit.ReacherTask), ())
+    return argument_rows(given_by(name), described(PursuitParallelEnv, pursuit.Task), OF_RULES)
 
 
 def gymnasium_arguments(name: str) -> str:
@@ -152,22 +191,34 @@ def gymnasium_arguments(name: str) -> str:
     )
     common = given_by(name)
     own = {key: value for key, value in own_parameters(*made).items() if key not in common}
-    return argument_rows(own, described(*made, SingleAgentVectorEnv))
+    return argument_rows(own, described(*made, SingleAgentVectorEnv), ())
 
 
 # -- spaces and rewards ----------------------------------------------------------------------------
 
 
 def facts(name: str) -> str:
-    """Ids, agents and spaces, of the environment as it is by default."""
+    """Ids, agents and spaces, of the environment as it is by default; of tasks in mazes also
+    rewards, end and reference."""
     env = module_of(name).parallel_env()
-    ids = ", ".join(f'`gymnasium.make("pursuit/{i}-v0")`' for i in GYMNASIUM[name])
+    ids = [f"`pursuit/{i}-v0`" for i in GYMNASIUM[name]]
     agent = env.possible_agents[0]
+    end = f"truncated after {env.task.max_steps} steps"
+    more: list[tuple[str, str]] = [("Ends", end)]
+    if name in ENDS:
+        terminated, compared, reference = ENDS[name]
+        more = [
+            ("Rewards", paid_by_default(env.task)),
+            ("Ends", f"terminated when {terminated}, {end}"),
+            ("Compared by", compared),
+            ("Reference", reference),
+            *([("Defaults", differing)] if (differing := differences(env.task)) else []),
+        ]
     return rows(
         ("", "by default"),
         [
             ("PettingZoo", f"`from pursuit import {name}_v0`; id `pursuit/{name}-v0`"),
-            ("Gymnasium", ids),
+            ("Gymnasium", ", ".join(ids)),
             ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
             ("Actions", f"`{space(env.action_space(agent))}`"),
             (
@@ -175,19 +226,62 @@ def facts(name: str) -> str:
                 f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`',
             ),
             ("State", f"`{space(env.state_space)}`"),
-            ("Ends", f"truncated after {env.task.max_steps} steps"),
-            *([("Defaults", differing)] if (differing := differences(env.task)) else []),
+            *more,
         ],
     )
 
 
-def differences(task: Any) -> str:
+_SMALL = "in small games (such as 5x5 with 3 goals)"
+_ELSE = "in larger ones that of the best scripted agent"
+ENDS = {
+    "chase": (
+        "no evader is left",
+        "mean steps; for chasers fewer is better, for evaders more",
+        "one chaser and one evader: exact, the best response to any policy that depends on the two "
+        "cells, and the value of the game; teams: exact while they fit ([limits](../reference/"
+        "exact_limits.md))",
+    ),
+    "maze": (
+        "no goal is left",
+        "mean steps",
+        f"exact up to {limits_module.MAX_EXACT_GOALS} goals: the shortest tour "
+        "(Held and Karp, 1962)",
+    ),
+    "race": (
+        "no goal is left, for all",
+        "mean number of goals",
+        f"{_SMALL} exact: the largest number of goals against these rivals, {_ELSE}",
+    ),
+    "heist": (
+        "no evader or no goal is left",
+        "mean return",
+        f"{_SMALL} exact: the highest return, {_ELSE}",
+    ),
+    "escape": (
+        "no evader is left",
+        "captures minus escapes",
+        "in small games [exact](../explanation/exact.md#the-escape-value): P(capture) - P(escape) "
+        "of given policies, of best responses, and in NashConv",
+    ),
+}
+"""When a task in a maze terminates, by what agents are compared, and with what."""
+
+
+def paid_by_default(task: pursuit.Task) -> str:
+    """The rewards of a task: their name, or coefficients by role."""
+    given: Any = task.rewards
+    if isinstance(given, str):
+        return f"`{plain(given)}`"
+    own = "; ".join(f"{role}: {coefficients(paid)}" for role, paid in given.items())
+    return f"{own}; other roles as `{plain(pursuit.Task.rewards)}`"
+
+
+def differences(task: pursuit.Task) -> str:
     """The settings of a task whose defaults are not those of chase."""
-    if not isinstance(task, pursuit.Task):
-        return ""
-    common = settings_of(pursuit.make_task("chase"))
-    given = settings_of(task)
-    return ", ".join(f"`{n}={plain(v)}`" for n, v in given.items() if v != common[n])
+    common, given = settings_of(pursuit.make_task("chase")), settings_of(task)
+    return ", ".join(
+        f"`{n}={plain(v)}`" for n, v in given.items() if n != "rewards" and v != common[n]
+    )
 
 
 def space(given: gymnasium.Space[Any]) -> str:
@@ -198,26 +292,10 @@ def space(given: gymnasium.Space[Any]) -> str:
     return str(given)
 
 
-def observations(name: str) -> str:
-    """Every encoding, its space by default, and what it is."""
-    if name == "reacher":
-        texts = dict(ARM_TEXTS)
-        found = [
-            (each, arm_observations.space_of(pursuit.ReacherTask(), each))
-            for each in arm_observations.ENCODINGS
-        ]
-    else:
-        texts = dict(_bullets(Encoder.__doc__ or ""))
-        found = [(each, Encoder(pursuit.make_task(name), each).space) for each in ENCODINGS]
-    body = [(f'`"{each}"`', f"`{space(box)}`", texts[each]) for each, box in found]
-    return rows(("encoding", "space by default", "what it is"), body)
-
-
-ARM_TEXTS = {
-    "positions": "1 where the tip is in reach, else 0; x and y of the base and of the end of every "
-    "link, relative to the target",
-    "positions_angles": "the same, and the angles after that",
-}
+def observations(_: str) -> str:
+    """Every encoding and what it is."""
+    texts = dict(_bullets(Encoder.__doc__ or ""))
+    return rows(("encoding", "what it is"), [(f'`"{each}"`', texts[each]) for each in ENCODINGS])
 
 
 def _bullets(text: str) -> Iterator[tuple[str, str]]:
@@ -226,25 +304,26 @@ def _bullets(text: str) -> Iterator[tuple[str, str]]:
         yield name.strip('"'), " ".join(said.split())
 
 
-def rewards(name: str) -> str:
-    """What the roles of a task are paid, by scheme; without coefficients that are 0 in all rows."""
-    task = pursuit.make_task(name)
-    found = []
-    for role in dict.fromkeys(task.seat_roles):
-        schemes = {scheme: by_role[role] for scheme, by_role in REWARD_SCHEMES.items()}
-        if not isinstance(task.rewards, str):
-            schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
-        for scheme, paid in schemes.items():
-            mark = " (default)" if scheme == task.rewards else ""
-            found.append((role, scheme + mark, paid))
-    names = [f.name for f in fields(Rewards) if f.name not in ("on_completion", "per_evader")]
-    names = [each for each in names if any(getattr(paid, each) for _, _, paid in found)]
-    body = []
-    for role, scheme, paid in found:
-        when = "at the end" if paid.on_completion else "at the event"
-        when = "per evader" if paid.per_evader else when
-        body.append((role, scheme, *(f"{getattr(paid, each):g}" for each in names), when))
-    return rows(("role", "`rewards`", *names, "events paid"), body)
+def rewards(_: str) -> str:
+    """The coefficients of every scheme by role, without those that are 0."""
+    return rows(
+        ("`rewards`", *ROLES),
+        [
+            (f"`{scheme}`", *(coefficients(by_role[role]) for role in ROLES))
+            for scheme, by_role in REWARD_SCHEMES.items()
+        ],
+    )
+
+
+def coefficients(paid: Rewards) -> str:
+    """Those that are not 0, and when they are paid."""
+    flags = [f"`{f.name}`" for f in fields(paid) if getattr(paid, f.name) is True]
+    given = [
+        f"{f.name} {value:g}"
+        for f in fields(paid)
+        if (value := getattr(paid, f.name)) and value is not True
+    ]
+    return ", ".join([*given, *flags])
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -304,6 +383,7 @@ TABLES: dict[str, Callable[[str], str]] = {
     "gymnasium": gymnasium_arguments,
     "observations": observations,
     "rewards": rewards,
+    "options": options,
     "names": names,
     "references": references,
     "limits": limits,
