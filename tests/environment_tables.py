@@ -292,7 +292,11 @@ SIZES = (
 
 LIMITS = (
     ("joint solvers", "MAX_STATES states", "play episodes"),
-    ("`solve_joint_game`", "MAX_GAME_STATES states (minutes), discount MAX_DISCOUNT", "less of both"),
+    (
+        "`solve_joint_game`",
+        "MAX_GAME_STATES states (minutes), discount MAX_DISCOUNT",
+        "a smaller game or discount",
+    ),
     ("`enumerate_game`", "MAX_SMALL_STATES states, or entries of a list", "`most_states`"),
     ("`game_of_task`, `game_of_sides`", "MAX_TASK_STATES states", "joint solvers"),
     ("`expected_tour_length`", "MAX_ENUMERATED_PLACEMENTS placements", "it samples"),
@@ -320,8 +324,9 @@ LIMITS = (
     ("curricula: least steps of the arm", "MAX_CURRICULUM_JOINTS joints", "unknown"),
     (
         "memory",
-        "`solve_chase` MAX_CHASE_BYTES (team agents `equilibrium` MAX_TEAM_BYTES), `solve_in_turns` "
-        "MAX_TURN_BYTES, joint values MAX_STATE_BYTES, transitions MAX_STORE_BYTES",
+        "`solve_chase` MAX_CHASE_BYTES (team agents `equilibrium` MAX_TEAM_BYTES), "
+        "`solve_in_turns` MAX_TURN_BYTES, joint values MAX_STATE_BYTES, transitions "
+        "MAX_STORE_BYTES",
         "a smaller game",
     ),
     ("a plan for every step", "MAX_PLAN_BYTES", "the first step's plan in all"),
@@ -348,7 +353,7 @@ def sentences(function: Callable[..., Any]) -> list[str]:
 
 
 def solvers(_: str) -> str:
-    """What is solved: pairs of sentences of docstrings, with the limits; and the user's functions."""
+    """What is solved, by pairs of sentences of docstrings; the functions; what to do otherwise."""
     body = []
     for solver in (*MAZES, *SMALL_GAMES, *ARMS):
         said = sentences(solver.why_not)

@@ -89,7 +89,8 @@ class Solver:
     Attributes:
         kind: its name.
         why_not: (question) -> the reason why it does not solve that; None if it does. Its docstring
-            says what it solves, and with what an agent is compared (docs/reference/exact_limits.md).
+            says what it solves, and with what an agent is compared: pairs of sentences, rows of
+            docs/reference/exact_limits.md.
         exact: whether it gives the value itself, not bounds.
     """
 
