@@ -15,7 +15,6 @@ from dataclasses import MISSING, fields
 from enum import Enum
 from importlib import import_module
 from inspect import Parameter, getdoc, signature
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -345,36 +344,128 @@ def names(package: str) -> str:
 
 # -- exact solutions -------------------------------------------------------------------------------
 
+SOLVERS = {
+    "tour": ("`shortest_tour`", "fewer goals"),
+    "duel": (
+        "`best_response`, `evaluate_exactly`",
+        "a smaller maze; SOLVED_MAZES of a suite, evenly spaced",
+    ),
+    "team": ("`best_team_response`, `evaluate_team`", "a smaller maze, fewer agents"),
+    "joint": ("`solve_joint`, `evaluate_joint`", "the same, fewer goals"),
+    "bounds": ("`solve_hidden_chase`", "bound: full view"),
+    "small_game": ("`respond`, `nash_conv`, `equilibrium`", "–"),
+    "arm": ("`least_steps`", "discrete actions: a bound"),
+}
+"""By kind of solver, its functions for users, and what to do in games that it does not solve."""
 
-def references(_: str) -> str:
-    """With what an agent is compared, by kind: two sentences of a docstring, with the limits."""
+SIZES = (
+    (("chase", "5x5", 2, 1, 0), "a second"),
+    (("chase", "7x7", 2, 1, 0), "seconds"),
+    (("race", "5x5", 0, 0, 3), "15 seconds"),
+    (("chase", "9x9", 2, 1, 0), "half a minute"),
+    (("chase", "5x5", 3, 1, 0), "half a minute"),
+    (("chase", "5x5", 2, 2, 0), "15 seconds"),
+    (("chase", "4x4", 4, 1, 0), "two minutes"),
+)
+"""Games (task, maze, chasers, evaders, goals), and about how long their solution takes."""
+
+LIMITS = (
+    ("joint solvers", "MAX_STATES states", "play episodes"),
+    (
+        "`solve_joint_game`",
+        "MAX_GAME_STATES states (minutes), discount MAX_DISCOUNT",
+        "a smaller game or discount",
+    ),
+    ("`enumerate_game`", "MAX_SMALL_STATES states, or entries of a list", "`most_states`"),
+    ("`game_of_task`, `game_of_sides`", "MAX_TASK_STATES states", "joint solvers"),
+    ("`expected_tour_length`", "MAX_ENUMERATED_PLACEMENTS placements", "it samples"),
+    ("`least_steps`", "MAX_ARM_NODES nodes (0.2 seconds)", "a lower bound"),
+    ("`alpha_rank`", "MAX_PROFILES rows × columns", "fewer strategies"),
+    ("duels", "MAX_DUEL_ENTRIES cells × rows × columns", "remove blocked rows and columns"),
+    (
+        "self-play: NashConv of a team against one evader",
+        "work MAX_EXACT_WORK; at the end, and payoffs in leagues, MAX_FINAL_WORK",
+        "a trained response, a lower bound",
+    ),
+    ("self-play: value of a duel", "MAX_GAME_CELLS cells (minutes)", "NashConv alone"),
+    ("self-play: mixtures, diversity of snapshots", "MAX_SNAPSHOT_CELLS cells", "left out"),
+    (
+        "runs: interval under a limited view",
+        "SEARCH_SECONDS seconds, or upper / lower - 1 = SEARCH_WIDTH",
+        "the interval so far",
+    ),
+    (
+        "runs: [objective gap](../explanation/objectives.md)",
+        "duels MAX_OBJECTIVE_CELLS cells; one runner MAX_TOUR_WORK (goal set, next goal, cell), "
+        "MAX_TOUR_BYTES; others work MAX_OBJECTIVE_WORK (15 seconds)",
+        "left out",
+    ),
+    ("curricula: least steps of the arm", "MAX_CURRICULUM_JOINTS joints", "unknown"),
+    (
+        "memory",
+        "`solve_chase` MAX_CHASE_BYTES (team agents `equilibrium` MAX_TEAM_BYTES), "
+        "`solve_in_turns` MAX_TURN_BYTES, joint values MAX_STATE_BYTES, transitions "
+        "MAX_STORE_BYTES",
+        "a smaller game",
+    ),
+    ("a plan for every step", "MAX_PLAN_BYTES", "the first step's plan in all"),
+)
+"""Further limits: of what, how much, and what happens or is to be done above."""
+
+
+def with_numbers(text: str) -> str:
+    """A text in which the names of limits are replaced by their values."""
+
+    def value(name: re.Match[str]) -> str:
+        number = getattr(limits_module, name[0])
+        return f"{number / 1e9:g} GB" if name[0].endswith("_BYTES") else f"{number:,}"
+
+    return re.sub(LIMIT, value, text)
+
+
+LIMIT = r"\b(?:MAX|SEARCH|SOLVED)_[A-Z_]+\b"
+
+
+def sentences(function: Callable[..., Any]) -> list[str]:
+    """Those of a docstring."""
+    return " ".join((getdoc(function) or "").split()).removesuffix(".").split(". ")
+
+
+def solvers(_: str) -> str:
+    """What is solved, by pairs of sentences of docstrings; the functions; what to do otherwise."""
     body = []
     for solver in (*MAZES, *SMALL_GAMES, *ARMS):
-        text = " ".join((getdoc(solver.why_not) or "").split())
-        text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
-        game, compared = text.removesuffix(".").split(". ")[:2]
-        body.append((f"`{solver.kind}`", game, compared))
+        said = sentences(solver.why_not)
+        functions, otherwise = SOLVERS[solver.kind]
+        for game, compared in zip(said[::2], said[1::2], strict=True):
+            body.append((game, functions, compared, otherwise))
     bound = "A bound, where one is known: the optimum with full view, or with continuous actions"
-    body.append(("`none`", "Everything else", f"{bound}; otherwise the best scripted agent."))
-    return rows(
-        ("kind", "game", "compared with"), [[cell.rstrip(".") for cell in row] for row in body]
-    )
+    body.append(("Everything else", "–", f"{bound}; otherwise the best scripted agent", "–"))
+    head = ("game and size", "solvers", "results are compared with", "otherwise")
+    return with_numbers(rows(head, body))
+
+
+def sizes(_: str) -> str:
+    """The work of some games."""
+    body = []
+    for (task, maze, chasers, evaders, goals), seconds in SIZES:
+        team = {"num_chasers": chasers, "num_evaders": evaders} if evaders else {"num_goals": goals}
+        work = limits_module.work_of(pursuit.make_task(task, maze=maze, **team))
+        who = f"{chasers} against {evaders}" if evaders else f"2 runners, {goals} goals"
+        body.append((f"{task} {maze}, {who}", f"{work:,}", seconds))
+    return rows(("game", "work", "solved in"), body)
 
 
 def limits(_: str) -> str:
-    """Every constant of `exact/limits.py`, its value, and the text that follows it there."""
-    text = Path(limits_module.__file__).read_text(encoding="utf-8")
-    body = []
-    for line, said in pairwise(ast.parse(text).body):
-        if isinstance(line, ast.Assign) and isinstance(said, ast.Expr):
-            (target,) = line.targets
-            found = target.elts if isinstance(target, ast.Tuple) else [target]
-            known = [part.id for part in found if isinstance(part, ast.Name)]
-            values = [getattr(limits_module, name) for name in known]
-            meaning = " ".join(ast.literal_eval(said.value).split())
-            shown = ", ".join(f"{value:,}" for value in values)
-            body.append((", ".join(f"`{name}`" for name in known), shown, meaning))
-    return rows(("limit", "value", "of what"), body)
+    """Every other constant of `exact/limits.py`."""
+    tree = ast.parse(Path(limits_module.__file__).read_text(encoding="utf-8"))
+    assigned = [line.targets[0] for line in tree.body if isinstance(line, ast.Assign)]
+    names = {part.id for each in assigned for part in ast.walk(each) if isinstance(part, ast.Name)}
+    texts = [getdoc(solver.why_not) or "" for solver in MAZES]
+    texts += [cell for row in (*LIMITS, *SOLVERS.values()) for cell in row]
+    silent = names - {"REMEDY", *re.findall(LIMIT, " ".join(texts))}
+    assert not silent, f"the page of limits does not name {silent}; add them to LIMITS"
+    return with_numbers(rows(("of", "up to", "above it"), [*LIMITS]))
 
 
 TABLES: dict[str, Callable[[str], str]] = {
@@ -385,7 +476,8 @@ TABLES: dict[str, Callable[[str], str]] = {
     "rewards": rewards,
     "options": options,
     "names": names,
-    "references": references,
+    "solvers": solvers,
+    "sizes": sizes,
     "limits": limits,
 }
 

@@ -268,6 +268,7 @@ def test_places_of_ours_in_frames_are_those_of_the_runs() -> None:
     assert (min(one_goal), max(one_goal), len(one_goal)) == (2, 4, 6)
     said = f"first in {first} of 18 comparisons, with one goal second to fourth of four in all six"
     assert said in text_of("results/libraries.md") and said in text_of("results/index.md")
+    assert said.partition(",")[0] in text_of("explanation/comparison.md")
 
 
 def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
