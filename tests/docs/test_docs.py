@@ -167,7 +167,7 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [f"docs/guides/own_{name}.md" for name in ("parts", "kinds", "network", "opponents")],
+    [f"docs/guides/own_{name}.md" for name in ("parts", "games")],
 )
 def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None:
     written(page, folder)
@@ -182,10 +182,14 @@ def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None
             parts._allowed.clear()
 
 
-def test_the_game_on_a_line_is_that_of_the_tests() -> None:
-    shown = files_of("docs/guides/own_kinds.md")["line_game.py"].replace("# line_game.py\n", "")
-    real = (ROOT / "tests" / "own_parts" / "line_game.py").read_text(encoding="utf-8")
-    assert shown.split() == real.split()
+@pytest.mark.parametrize(
+    "example", sorted((DOCS / "guides" / "examples").glob("*.py")), ids=lambda file: file.stem
+)
+def test_an_example_is_linked_by_one_guide_and_runs(example: Path, folder: Path) -> None:
+    [page] = [page for page in PAGES if f"](examples/{example.name})" in PAGES[page]]
+    if page not in ELSEWHERE:
+        written(page, folder)
+        import_module(example.stem)
 
 
 # -- commands --------------------------------------------------------------------------------------
