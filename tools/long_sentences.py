@@ -30,7 +30,7 @@ def main() -> None:
     pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if data not in page.parents]
     for page in map(Path, sys.argv[1:] or [ROOT / "README.md", *pages]):
         for sentence in long_sentences(page.read_text(encoding="utf-8")):
-            print(f"{page}: {len(sentence.split())} words: {sentence[:100]} ...")
+            print(f"{page.resolve().relative_to(ROOT)}: {len(sentence.split())} words: {sentence[:100]} ...")
 
 
 if __name__ == "__main__":
