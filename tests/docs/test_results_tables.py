@@ -25,7 +25,7 @@ from train.settings.task import ReacherSettings
 ANALYSES = [path.parent.name for path in sorted(DATA.glob("*/analysis.py"))]
 STUDIES = {path.stem for path in RESULTS.glob("*.md")} - {"index"}
 """The pages of results; a study without one has a README beside its rows."""
-OTHERS = {"thesis": 1, "arm": 1, "curricula": 1, "teams": 1}
+OTHERS = {"thesis": 1, "arm": 1, "curricula": 1, "teams": 1, "index": 1}
 """By page the number of tables that a test here makes, or that hold no results."""
 NOT_KEPT = "Runs not kept"
 """What a page says of tables whose data are gone."""
