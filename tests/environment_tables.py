@@ -120,10 +120,11 @@ def _default(field: Any) -> Any:
 
 def argument_rows(given: dict[str, Any], texts: dict[str, str], of_rules: Sequence[str]) -> str:
     """Every argument with its default and what its docstring says; those of one text in one row.
-    What the page of rules defines has one row, with a link."""
+    What another page defines has a link; the options of the rules have one row."""
     silent = [name for name in given if not texts.get(name)]
     assert not silent, f"no docstring describes {silent}; add them to an `Args:` section"
-    texts = {**texts, **dict.fromkeys(of_rules, f"[options of the rules]({RULES}#options).")}
+    texts = {**texts, **LINKED}
+    texts |= dict.fromkeys(of_rules, f"[options of the rules]({RULES}#options).")
     by_text: dict[str, list[str]] = {}
     for name in given:
         by_text.setdefault(texts[name], []).append(name)
@@ -135,6 +136,11 @@ def argument_rows(given: dict[str, Any], texts: dict[str, str], of_rules: Sequen
 
 
 RULES = "../explanation/rules.md"
+LINKED = {
+    "rewards": "a [name](mazes.md#rewards), a dict from role to `Rewards`, or [your own]"
+    "(../guides/own_parts.md#rewards)."
+}
+"""Arguments that another page describes."""
 
 
 def _others(values: tuple[str, ...]) -> str:
@@ -197,15 +203,18 @@ def gymnasium_arguments(name: str) -> str:
 
 
 def facts(name: str) -> str:
-    """Ids, agents and spaces, of the environment as it is by default; of tasks in mazes also
-    rewards, end and reference."""
+    """Ids, agents and spaces, of the environment as it is by default; of tasks in mazes, whose
+    actions and state are on the page of environments, rewards, end and reference."""
     env = module_of(name).parallel_env()
     ids = [f"`pursuit/{i}-v0`" for i in GYMNASIUM[name]]
     agent = env.possible_agents[0]
-    end = f"truncated after {env.task.max_steps} steps"
-    more: list[tuple[str, str]] = [("Ends", end)]
+    more = [
+        ("Actions", f"`{space(env.action_space(agent))}`"),
+        ("State", f"`{space(env.state_space)}`"),
+    ]
     if name in ENDS:
         terminated, compared, reference = ENDS[name]
+        end = f"truncated after {env.task.max_steps} steps"
         more = [
             ("Rewards", paid_by_default(env.task)),
             ("Ends", f"terminated when {terminated}, {end}"),
@@ -219,12 +228,10 @@ def facts(name: str) -> str:
             ("PettingZoo", f"`from pursuit import {name}_v0`; id `pursuit/{name}-v0`"),
             ("Gymnasium", ", ".join(ids)),
             ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
-            ("Actions", f"`{space(env.action_space(agent))}`"),
             (
                 "Observation",
                 f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`',
             ),
-            ("State", f"`{space(env.state_space)}`"),
             *more,
         ],
     )
@@ -236,9 +243,8 @@ ENDS = {
     "chase": (
         "no evader is left",
         "mean steps; for chasers fewer is better, for evaders more",
-        "one chaser and one evader: exact, the best response to any policy that depends on the two "
-        "cells, and the value of the game; teams: exact while they fit ([limits](../reference/"
-        "exact_limits.md))",
+        "duels exact: the best response to any policy that depends on the two cells, and the value "
+        "of the game; teams exact while they fit ([limits](../reference/exact_limits.md))",
     ),
     "maze": (
         "no goal is left",
@@ -345,26 +351,21 @@ def names(package: str) -> str:
 # -- exact solutions -------------------------------------------------------------------------------
 
 SOLVERS = {
-    "tour": ("`shortest_tour`", "fewer goals"),
-    "duel": (
-        "`best_response`, `evaluate_exactly`",
-        "a smaller maze; SOLVED_MAZES of a suite, evenly spaced",
-    ),
-    "team": ("`best_team_response`, `evaluate_team`", "a smaller maze, fewer agents"),
-    "joint": ("`solve_joint`, `evaluate_joint`", "the same, fewer goals"),
-    "bounds": ("`solve_hidden_chase`", "bound: full view"),
-    "small_game": ("`respond`, `nash_conv`, `equilibrium`", "–"),
-    "arm": ("`least_steps`", "discrete actions: a bound"),
+    "tour": "`shortest_tour`",
+    "duel": "`best_response`, `evaluate_exactly`",
+    "team": "`best_team_response`, `evaluate_team`",
+    "joint": "`solve_joint`, `evaluate_joint`",
+    "bounds": "`solve_hidden_chase`",
+    "small_game": "`respond`, `nash_conv`, `equilibrium`",
+    "arm": "`least_steps`",
 }
-"""By kind of solver, its functions for users, and what to do in games that it does not solve."""
+"""By kind of solver, its functions for users."""
 
 SIZES = (
     (("chase", "5x5", 2, 1, 0), "a second"),
     (("chase", "7x7", 2, 1, 0), "seconds"),
     (("race", "5x5", 0, 0, 3), "15 seconds"),
-    (("chase", "9x9", 2, 1, 0), "half a minute"),
     (("chase", "5x5", 3, 1, 0), "half a minute"),
-    (("chase", "5x5", 2, 2, 0), "15 seconds"),
     (("chase", "4x4", 4, 1, 0), "two minutes"),
 )
 """Games (task, maze, chasers, evaders, goals), and about how long their solution takes."""
@@ -432,17 +433,15 @@ def sentences(function: Callable[..., Any]) -> list[str]:
 
 
 def solvers(_: str) -> str:
-    """What is solved, by pairs of sentences of docstrings; the functions; what to do otherwise."""
+    """What is solved, by pairs of sentences of docstrings, and the functions."""
     body = []
     for solver in (*MAZES, *SMALL_GAMES, *ARMS):
         said = sentences(solver.why_not)
-        functions, otherwise = SOLVERS[solver.kind]
         for game, compared in zip(said[::2], said[1::2], strict=True):
-            body.append((game, functions, compared, otherwise))
+            body.append((game, SOLVERS[solver.kind], compared))
     bound = "A bound, where one is known: the optimum with full view, or with continuous actions"
-    body.append(("Everything else", "–", f"{bound}; otherwise the best scripted agent", "–"))
-    head = ("game and size", "solvers", "results are compared with", "otherwise")
-    return with_numbers(rows(head, body))
+    body.append(("Everything else", "–", f"{bound}; otherwise the best scripted agent"))
+    return with_numbers(rows(("game and size", "solvers", "results are compared with"), body))
 
 
 def sizes(_: str) -> str:
@@ -462,7 +461,7 @@ def limits(_: str) -> str:
     assigned = [line.targets[0] for line in tree.body if isinstance(line, ast.Assign)]
     names = {part.id for each in assigned for part in ast.walk(each) if isinstance(part, ast.Name)}
     texts = [getdoc(solver.why_not) or "" for solver in MAZES]
-    texts += [cell for row in (*LIMITS, *SOLVERS.values()) for cell in row]
+    texts += [cell for row in LIMITS for cell in row]
     silent = names - {"REMEDY", *re.findall(LIMIT, " ".join(texts))}
     assert not silent, f"the page of limits does not name {silent}; add them to LIMITS"
     return with_numbers(rows(("of", "up to", "above it"), [*LIMITS]))

@@ -12,8 +12,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 MOST = 35
-NOT_PROSE = re.compile(r"^```.*?^```|^\|.*?$|<!--.*?-->|^#.*?$", re.DOTALL | re.MULTILINE)
-END = re.compile(r"(?<=[.!?])\s+(?=[A-Z`*\[])|\n\n+|\n(?=[-*] |\d+\. )")
+NOT_PROSE = re.compile(r"^```.*?^```|^ *\|.*?$|<!--.*?-->|^#.*?$", re.DOTALL | re.MULTILINE)
+END = re.compile(r"(?<=[.!?])\s+(?=[A-Z`*\[])|\n\n+|\n(?= *[-*] |\d+\. )")
 
 
 def long_sentences(text: str) -> Iterator[str]:
@@ -30,7 +30,8 @@ def main() -> None:
     pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if data not in page.parents]
     for page in map(Path, sys.argv[1:] or [ROOT / "README.md", *pages]):
         for sentence in long_sentences(page.read_text(encoding="utf-8")):
-            print(f"{page.resolve().relative_to(ROOT)}: {len(sentence.split())} words: {sentence[:100]} ...")
+            name, words = page.resolve().relative_to(ROOT), len(sentence.split())
+            print(f"{name}: {words} words: {sentence[:100]} ...")
 
 
 if __name__ == "__main__":

@@ -174,8 +174,8 @@ def _why_no_tour(asked: Question) -> str | None:
 
 def _why_no_duel(asked: Question) -> str | None:
     """One chaser and one evader without goals at random starts in mazes of up to MAX_EXACT_CELLS
-    cells, the opponent a table over both cells. Exact: the best response, mean steps over all
-    starts."""
+    cells (SOLVED_MAZES mazes of a suite, evenly spaced), the opponent a table over both cells.
+    Exact: the best response, mean steps over all starts."""
     task, others = asked.task, asked.fixed
     by_maze = asked.by_maze and len(task.mazes) > 1
     tables = is_solvable(task, *others) if by_maze else is_table_duel(task, *others)
@@ -193,11 +193,10 @@ def _why_no_bounds(asked: Question) -> str | None:
 
 def _why_no_team(asked: Question) -> str | None:
     """Several chasers and one evader without goals, or a duel with options of the rules, at random
-    starts in one maze, policies with known distributions, work MAX_EXACT_WORK; with exits or turns
-    in final results MAX_FINAL_WORK. Exact: the best response of the agent, mean steps over all
-    starts; with exits captures - escapes. A whole team that learns, against any number of evaders
-    or chasers, work as above; in final results MAX_TEAM_WORK. Exact: its best response as one
-    player."""
+    starts, work MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the
+    best response of the agent, mean steps over all starts; with exits captures - escapes. A whole
+    team that learns, against any number of evaders or chasers, work as above; in final results
+    MAX_TEAM_WORK. Exact: its best response as one player."""
     task, policies, most = asked.task, asked.policies, asked.most_work
     if asked.team:
         return f"{task.num_goals} goal(s)" if task.num_goals else _why_no_joint(asked)
@@ -209,10 +208,9 @@ def _why_no_team(asked: Question) -> str | None:
 
 
 def _why_no_joint(asked: Question) -> str | None:
-    """Any other game in one maze, policies with known distributions, work MAX_WORK; in final
-    results, `pursuit evaluate` and `pursuit baseline` MAX_EVALUATED_WORK. Exact: the best response
-    of the agent from the starts of the evaluation, in steps; races in goals, heists in return, with
-    exits captures - escapes."""
+    """Any other game, work MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
+    MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the evaluation, in
+    steps; races in goals, heists in return, with exits captures - escapes."""
     task, seats = asked.task, asked.seats
     hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
     if hidden is not None or is_single_runner(task):
