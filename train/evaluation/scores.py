@@ -419,6 +419,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     # -- policies ------------------------------------------------------------------------------
 
+    @property
+    def best_name(self) -> str:
+        """The name of `best_policy` on pages."""
+        return "optimal"
+
     def scripted(self) -> PolicyT:
         """The scripted policy of the agent; ValueError if there is none."""
         raise ValueError("this game has only learned policies; give the folder of a run")

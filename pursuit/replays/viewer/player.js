@@ -100,17 +100,18 @@ class Player {
     this.root = root;
     this.episodes = data.items.map((item) => new Episode(item, data.worlds));
     this.overlays = (data.overlays || []).map((given) => new Overlay(given));
-    this.chosen = 0;
+    const lost = (number) => this.episodes[number].lost || 0, length = (number) => this.episodes[number].length;
+    this.chosen = [...this.episodes.keys()].sort((a, b) => lost(b) - lost(a) || length(b) - length(a))[0]; // the longest if unknown
     this.step = 0;
     this.speed = 3;
     this.playing = false;
     this.several = false;
-    this.shown = { trails: true, values: false, policy: false, seen: false, ...data.shown };
+    this.shown = { trails: true, values: true, policy: true, seen: false };
     this.side = 0;
     this.build();
     this.lay();
     document.addEventListener("keydown", (event) => this.key(event));
-    if (data.playing) this.play(true);
+    if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) this.play(true);
   }
 
   get episode() { return this.episodes[this.chosen]; }
@@ -282,7 +283,9 @@ class Player {
     this.bar.value = String(this.step);
     this.clock.textContent = `step ${this.step} of ${this.length}${this.several ? "" : ` ${this.episode.ending(this.step)}`}`;
     this.pace.value = String(this.speed);
-    for (const name of ["trails", "values", "policy", "seen"]) this.buttons[name].setAttribute("aria-pressed", String(this.shown[name]));
+    for (const name of ["trails", "values", "policy", "seen"]) {
+      this.buttons[name].setAttribute("aria-pressed", String(this.shown[name] && !this.buttons[name].disabled));
+    }
     this.buttons.several.setAttribute("aria-pressed", String(this.several));
     if (!this.several) this.showNumbers();
   }

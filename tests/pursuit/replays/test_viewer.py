@@ -21,6 +21,7 @@ from pursuit.replays.viewer.data import Builder, Extras, replay_page
 from pursuit.replays.viewer.page import json_for_html, page
 from scripted_agents import AStarChaser, AStarEvader, action_values
 from train.commands.main import main
+from train.evaluation.recordings import add_compared
 from train.reports.pages import PLAYER_ELEMENT, page_of, write_page
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
@@ -34,7 +35,8 @@ class Sheet:
     def __init__(self, browser: Any, path: Path, **settings: Any) -> None:
         self.said: list[str] = []
         self.asked: list[str] = []
-        self.tab = browser.new_page(**{"viewport": {"width": 1200, "height": 900}, **settings})
+        usual = {"viewport": {"width": 1200, "height": 900}, "reduced_motion": "reduce"}  # paused
+        self.tab = browser.new_page(**{**usual, **settings})
         self.tab.on("console", lambda message: self.said.append(message.text))
         self.tab.on("pageerror", lambda error: self.said.append(str(error)))
         self.tab.on("request", lambda request: self.asked.append(request.url))
@@ -83,6 +85,7 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
     browser: Any, duel: Replay, tmp_path: Path
 ) -> None:
     sheet = Sheet(browser, written(tmp_path / "duel.html", duel.page("a duel")))
+    sheet.tab.evaluate("window.pursuit.choose(0)")
     for number in range(3):
         states = duel.play(number).states
         for step, state in enumerate(states):
@@ -119,6 +122,39 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
     assert not sheet.state()["shown"]["trails"] and sheet.tab.locator("dialog[open]").count() == 1
     sheet.press("Escape", "d")
     assert sheet.tab.evaluate("document.documentElement.dataset.theme") == "dark"
+    sheet.close()
+
+
+def compared(path: Path, epsilon: float = 0.4) -> list[dict[str, Any]]:
+    """Write the page of a chaser that errs, with the optimal one beside it; the episodes."""
+    contest: Any = contest_of(TaskSettings(maze="5x5", role="chaser"), 8)
+    builder, games = Builder(), {f"episode {number + 1}": number for number in range(8)}
+    add_compared(builder, contest, AStarChaser(epsilon), games, "A*")
+    write_page(path, "compared", [PLAYER_ELEMENT], builder.data(""))
+    return builder.items
+
+
+def test_a_page_opens_playing_at_the_episode_with_the_most_lost_steps(
+    browser: Any, duel: Replay, tmp_path: Path
+) -> None:
+    items = compared(tmp_path / "page.html")
+    lost = [item["length"] - item["beside"]["length"] for item in items]
+    assert lost == [item["lost"] for item in items] and len({*lost}) > 3
+    sheet = Sheet(browser, tmp_path / "page.html", reduced_motion="no-preference")
+    state = sheet.state()
+    assert state["playing"] and lost[state["episode"]] == max(lost)
+    for name in ("trails", "values", "policy"):
+        assert sheet.tab.get_by_role("button", name=name, pressed=True).count() == 1
+    sheet.tab.wait_for_function("window.pursuit.step > 1")
+    assert sheet.tab.locator(".values rect[fill^=rgb]").count() >= 24
+    sheet.close()
+    sheet = Sheet(browser, tmp_path / "page.html", reduced_motion="reduce")
+    assert not sheet.state()["playing"] and sheet.state()["step"] == 0
+    sheet.close()
+    sheet = Sheet(browser, written(tmp_path / "duel.html", duel.page()))
+    lengths = [episode.length for episode in duel.episodes]  # without an optimum the longest
+    assert sheet.state()["episode"] == lengths.index(max(lengths))
+    assert sheet.tab.get_by_role("button", name="values", pressed=True).count() == 0  # no data
     sheet.close()
 
 
@@ -170,7 +206,7 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
     path = tmp_path / "sides.html"
     write_page(path, "sides", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, path)
-    sheet.press("v", "p", "o", "ArrowRight")
+    sheet.press("o", "ArrowRight")
     evader = AStarEvader(0.2).action_probabilities(maze)
     chaser = policy.action_probabilities(maze)
     found = {
@@ -223,6 +259,7 @@ def test_an_arm_moves_on_a_phone_in_the_dark(browser: Any, tmp_path: Path) -> No
     path = written(tmp_path / "arm.html", replay.page("arm"))
     phone = {"width": 360, "height": 740}
     sheet = Sheet(browser, path, viewport=phone, has_touch=True, color_scheme="dark")
+    sheet.tab.evaluate("window.pursuit.choose(0)")
     for step, state in enumerate(replay.play(0).states):
         assert sheet.state()["angles"] == pytest.approx(state["angles"].tolist(), abs=1e-4)
         assert sheet.state()["step"] == step
@@ -310,7 +347,7 @@ def test_view_writes_pages_of_runs_and_replays(
 
 def test_a_notebook_shows_the_page(browser: Any, duel: Replay, tmp_path: Path) -> None:
     outer = f"<!DOCTYPE html><body>{duel._repr_html_()}</body>"
-    tab = browser.new_page()
+    tab = browser.new_page(reduced_motion="reduce")
     tab.goto(written(tmp_path / "cell.html", outer).as_uri())
     inner = tab.frame_locator("iframe")
     inner.locator("svg.board").first.wait_for()
@@ -348,7 +385,6 @@ def test_values_of_a_graph_do_not_overlap(browser: Any, tmp_path: Path, places: 
     builder.add(recorder.stop(), Extras(overlays=contest.overlays(policy)))
     write_page(tmp_path / "graph.html", "graph", [PLAYER_ELEMENT], builder.data(""))
     sheet = Sheet(browser, tmp_path / "graph.html")
-    sheet.press("v")
     circles = sheet.tab.evaluate(
         "[...document.querySelectorAll('.values circle')]"
         ".map(c => ['cx', 'cy', 'r'].map(name => Number(c.getAttribute(name))))"
