@@ -5,7 +5,7 @@ const TRAIL = 24; // steps shown in a trail
 const HELP = [
   ["space", "play, pause"], ["← →", "one step back, forward (with shift ten)"], ["home end", "first, last step"],
   ["↑ ↓", "previous, next episode"], ["0 … 9", "speed: 1 is one step per second, each higher number doubles it, 0 is the maximum"],
-  ["b", "all episodes side by side, or one"], ["t", "trails"], ["v", "exact value of every cell, for the selected agent"],
+  ["b", "all episodes side by side, or one"], ["c", "the optimal agent from the same start, beside the played one"], ["t", "trails"], ["v", "exact value of every cell, for the selected agent"],
   ["p", "moves of the played policy (solid) and optimal ones (dashed)"], ["o", "observation of the learner"], ["d", "dark, light"], ["?", "this list"],
 ];
 
@@ -29,6 +29,7 @@ class Episode {
     Object.assign(this, item);
     this.world = worlds[item.world];
     this.length = item.length;
+    this.beside = item.beside && new Episode(item.beside, worlds); // of the optimal agent from the same start
   }
 
   frame(step) {
@@ -106,7 +107,7 @@ class Player {
     this.speed = 3;
     this.playing = false;
     this.several = false;
-    this.shown = { trails: true, values: true, policy: true, seen: false };
+    this.shown = { trails: true, values: true, policy: true, seen: false, beside: true };
     this.side = 0;
     this.build();
     this.lay();
@@ -116,9 +117,7 @@ class Player {
 
   get episode() { return this.episodes[this.chosen]; }
 
-  get length() {
-    return this.several ? Math.max(...this.episodes.map((episode) => episode.length)) : this.episode.length;
-  }
+  get length() { return Math.max(...this.boards.map(({ episode }) => episode.length)); }
 
   sides(episode = this.episode) { return (episode.overlays || []).map((number) => this.overlays[number]); }
 
@@ -137,7 +136,8 @@ class Player {
       values: toggle("values", "v", "exact value of every cell", () => this.toggle("values")),
       policy: toggle("policy", "p", "moves of the played policy and optimal ones", () => this.toggle("policy")),
       seen: toggle("observed", "o", "observation of the learner", () => this.toggle("seen")),
-      several: toggle("side by side", "b", "all episodes side by side", () => this.lay(!this.several)),
+      beside: toggle("beside optimal", "c", "the optimal agent from the same start, beside the played one", () => this.toggle("beside")),
+      several: toggle("all episodes", "b", "all episodes side by side", () => this.lay(!this.several)),
     };
     this.bar = make("input", { type: "range", min: 0, step: 1, value: 0, "aria-label": "step", oninput: () => this.go(Number(this.bar.value)) });
     this.clock = make("output", {});
@@ -163,7 +163,7 @@ class Player {
     const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
       this.score, this.legend, this.numbers, this.spoken);
-    const view = make("div", { class: "row controls" }, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
+    const view = make("div", { class: "row controls" }, this.buttons.beside, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
     this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.help);
     view.classList.add("view");
     this.root.append(this.frame);
@@ -173,10 +173,11 @@ class Player {
   lay(several = this.several) {
     this.several = several && this.episodes.length > 1;
     this.frame.classList.toggle("several", this.several);
-    const shown = this.several ? this.episodes : [this.episode];
+    const shown = this.several ? this.episodes : [this.episode, this.shown.beside && this.episode.beside].filter(Boolean);
+    this.frame.classList.toggle("pair", !this.several && shown.length > 1);
     this.boards = shown.map((episode) => {
       const picture = episode.world.kind === "game" ? make("div") : document.createElementNS(SVG, "svg");
-      const caption = make("figcaption", {}, this.several ? episode.name : "");
+      const caption = make("figcaption");
       this.stage.append(make("figure", {}, picture, caption));
       return { episode, picture, caption, board: new Board(picture, episode.world) };
     });
@@ -187,13 +188,15 @@ class Player {
     this.sideChoice.value = String(this.side);
     this.sideChoice.hidden = sides.length < 2;
     this.buttons.several.hidden = this.episodes.length < 2;
+    this.buttons.beside.disabled = !this.episode.beside;
     this.choice.hidden = this.episodes.length < 2;
     this.buttons.values.disabled = !sides.some((side) => side.values);
     this.buttons.policy.disabled = !sides.some((side) => side.learned || side.optimal);
     this.buttons.seen.disabled = !(this.episode.seen || this.episode.observed);
     this.sideChoice.parentElement.hidden = this.episode.world.kind === "game";
     this.choice.value = String(this.chosen);
-    this.note.textContent = this.episode.note || "";
+    const { note, lost, length, beside } = this.episode;
+    this.note.textContent = [note, lost !== undefined && `Steps lost: ${lost} (${length} steps, ${beside.by} ${beside.length}, from the same start).`].filter(Boolean).join(" ");
     this.bar.max = String(this.length);
     this.go(Math.min(this.step, this.length));
   }
@@ -218,7 +221,8 @@ class Player {
   toggle(what) {
     if (this.buttons[what].disabled) return;
     this.shown[what] = !this.shown[what];
-    this.show();
+    if (what === "beside") this.lay(false);
+    else this.show();
   }
 
   theme() {
@@ -262,7 +266,7 @@ class Player {
       Home: () => this.go(0), End: () => this.go(this.length),
       ArrowUp: () => this.choose(this.chosen - 1), ArrowDown: () => this.choose(this.chosen + 1),
       t: () => this.toggle("trails"), v: () => this.toggle("values"), p: () => this.toggle("policy"), o: () => this.toggle("seen"),
-      b: () => this.lay(!this.several), d: () => this.theme(), "?": () => this.help.showModal(),
+      b: () => this.lay(!this.several), c: () => this.toggle("beside"), d: () => this.theme(), "?": () => this.help.showModal(),
     };
     if (event.key.startsWith("Arrow") && (event.key === "ArrowUp" || event.key === "ArrowDown") && this.episodes.length < 2) return;
     const action = actions[event.key] || (/^[0-9]$/.test(event.key) && (() => this.setSpeed(Number(event.key))));
@@ -277,13 +281,14 @@ class Player {
       const step = Math.min(this.step, episode.length), frame = episode.frame(step);
       board.show(frame, this.extras(episode, frame, step));
       caption.textContent = frame.ended ? "The game has ended; this is the state before its last step." : "";
-      if (this.several) caption.textContent = `${episode.name}: step ${step} of ${episode.length} ${episode.ending(step)}`;
-      picture.setAttribute("aria-label", `${episode.name}, step ${step}`);
+      const name = this.several ? episode.name : episode.by || episode.name;
+      if (this.boards.length > 1) caption.textContent = `${name}: step ${step} of ${episode.length} ${episode.ending(step)} ${caption.textContent}`;
+      picture.setAttribute("aria-label", `${name}, step ${step}`);
     }
     this.bar.value = String(this.step);
-    this.clock.textContent = `step ${this.step} of ${this.length}${this.several ? "" : ` ${this.episode.ending(this.step)}`}`;
+    this.clock.textContent = `step ${this.step} of ${this.length}${this.boards.length > 1 ? "" : ` ${this.episode.ending(this.step)}`}`;
     this.pace.value = String(this.speed);
-    for (const name of ["trails", "values", "policy", "seen"]) {
+    for (const name of ["trails", "values", "policy", "seen", "beside"]) {
       this.buttons[name].setAttribute("aria-pressed", String(this.shown[name] && !this.buttons[name].disabled));
     }
     this.buttons.several.setAttribute("aria-pressed", String(this.several));
@@ -298,11 +303,12 @@ class Player {
     const extras = {
       trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
     };
-    const side = this.sides(episode)[this.several ? 0 : this.side];
+    const isBeside = !this.several && episode !== this.episode; // its values are those of the learner
+    const side = isBeside && this.side ? null : this.sides(episode)[this.several ? 0 : this.side];
     const other = side ? frame.cells[side.other] : -1;
     if (side && other >= 0 && step < episode.length) {
       if (this.shown.values && side.values) extras.values = side.valuesAt(other);
-      if (this.shown.policy) extras.arrows = side.arrowsAt(other);
+      if (this.shown.policy) extras.arrows = { ...side.arrowsAt(other), ...(isBeside && { learned: null }) };
     }
     if (this.shown.seen && episode.seen) extras.seen = episode.seen.steps[step];
     return extras;
@@ -310,7 +316,7 @@ class Player {
 
   // The table and texts next to the board.
   showNumbers() {
-    const { episode, step } = this;
+    const { episode } = this, step = Math.min(this.step, episode.length);
     const row = (...parts) => make("tr", {}, ...parts);
     const number = (value) => make("td", { class: "number" }, value === null ? "" : Number(value.toFixed(3)).toString());
     const { kind } = episode.world, head = ["", "reward", "return"], arm = kind === "arm", game = kind === "game";

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -50,6 +51,13 @@ class Sheet:
     def state(self) -> dict[str, Any]:
         found: dict[str, Any] = self.tab.evaluate("window.pursuit.state()")
         return found
+
+    def wait(self, until: Callable[[], bool]) -> None:
+        for _ in range(200):
+            if until():
+                break
+            self.tab.wait_for_timeout(50)
+        assert until()
 
     def close(self) -> None:
         """No requests except the page, and no errors."""
@@ -111,10 +119,7 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
     sheet.tab.get_by_role("button", name="one step back (left)").click()
     assert sheet.state()["step"] == middle - 1
     sheet.press("Home", "0", " ")  # as fast as it goes
-    for _ in range(200):
-        if not sheet.state()["playing"]:
-            break
-        sheet.tab.wait_for_timeout(50)
+    sheet.wait(lambda: not sheet.state()["playing"])
     assert sheet.state()["step"] == duel.episodes[longest].length
     sheet.press("b")
     assert sheet.state()["several"] and sheet.tab.locator("svg.board").count() == 3
@@ -145,7 +150,7 @@ def test_a_page_opens_playing_at_the_episode_with_the_most_lost_steps(
     assert state["playing"] and lost[state["episode"]] == max(lost)
     for name in ("trails", "values", "policy"):
         assert sheet.tab.get_by_role("button", name=name, pressed=True).count() == 1
-    sheet.tab.wait_for_function("window.pursuit.step > 1")
+    sheet.wait(lambda: sheet.state()["step"] > 1)
     assert sheet.tab.locator(".values rect[fill^=rgb]").count() >= 24
     sheet.close()
     sheet = Sheet(browser, tmp_path / "page.html", reduced_motion="reduce")
@@ -155,6 +160,32 @@ def test_a_page_opens_playing_at_the_episode_with_the_most_lost_steps(
     lengths = [episode.length for episode in duel.episodes]  # without an optimum the longest
     assert sheet.state()["episode"] == lengths.index(max(lengths))
     assert sheet.tab.get_by_role("button", name="values", pressed=True).count() == 0  # no data
+    sheet.close()
+
+
+def test_the_optimal_agent_plays_beside_from_the_same_start(browser: Any, tmp_path: Path) -> None:
+    items = compared(tmp_path / "page.html")
+    sheet = Sheet(browser, tmp_path / "page.html")
+    item = items[sheet.state()["episode"]]
+    assert [path[0] for path in item["cells"]] == [path[0] for path in item["beside"]["cells"]]
+    assert sheet.state()["length"] == max(item["length"], item["beside"]["length"])
+    sheet.press("End")
+    captions = sheet.tab.locator(".stage figcaption").all_text_contents()
+    for name, each, caption in zip(
+        ("A*", "optimal"), (item, item["beside"]), captions, strict=True
+    ):
+        assert caption.startswith(f"{name}: step {each['length']} of {each['length']} (terminated")
+    assert f"Steps lost: {item['lost']} " in sheet.tab.locator(".side").inner_text()
+    sheet.press("Home")
+    boards = sheet.tab.locator(".stage svg").all()
+    arrows = [board.locator(".arrows .learned[d^=M]").count() for board in boards]
+    assert arrows[0] >= 24 and arrows[1] == 0  # that of the optimal agent has optimal moves only
+    left, right = (board.bounding_box() for board in boards)
+    assert left["y"] == right["y"] and left["x"] + left["width"] <= right["x"]
+    sheet.press("c")
+    assert sheet.tab.locator(".stage svg").count() == 1
+    sheet.press("b")
+    assert sheet.tab.locator(".stage svg").count() == 8
     sheet.close()
 
 
