@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras, Overlay
@@ -73,8 +75,8 @@ def add_compared(
 
     Both start in the same state, with the same random numbers. In items "by" names the policy,
     "beside" is the other episode, "lost" the difference of their lengths in steps, above 0 where
-    the optimal policy is better (in measures other than steps it is left out), and "map" the
-    steps lost by start cell where they are known. Without an optimal policy "alone" is the reason.
+    the optimal policy is better (in measures other than steps it is left out), and "map" that of
+    `Contest.lost_by_start` where it is known. Without an optimal policy "alone" is the reason.
 
     Args:
         is_solved: whether the optimum was solved; else it is not solved again here.
@@ -91,12 +93,14 @@ def add_compared(
         return replay
     other = Builder(worlds=builder.worlds)
     contest.add_episodes(other, best, games, contest.best_name)
-    sign = 1 if contest.measure.less_is_better else -1
+    sign, lost = 1 if contest.measure.less_is_better else -1, contest.lost_by_start(policy)
     for item, beside in zip(items, other.items, strict=True):
         item |= {"by": policy_name, "beside": beside}
         beside |= {"by": contest.best_name, "overlays": item.get("overlays", [])}
         if contest.measure.by_steps:
             item["lost"] = sign * (item["length"] - beside["length"])
+        if lost is not None:
+            item["map"] = [None if np.isnan(steps) else round(steps, 3) for steps in lost.tolist()]
     return replay
 
 

@@ -564,6 +564,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
         """[episodes] optimal length from each start; None if it is not known."""
         return None
 
+    def lost_by_start(self, policy: PolicyT) -> NDArray[np.float64] | None:
+        """[cells] the mean steps that a policy loses to the optimum, by the start cell of the
+        agent; NaN where it never starts, None if this is not known."""
+        return None
+
 
 def not_imitable(reason: str) -> ValueError:
     """The error where the optimal policy is not known, for this reason."""

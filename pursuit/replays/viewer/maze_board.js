@@ -142,7 +142,7 @@ class MazeBoard {
     values.numbers.forEach((value, cell) => {
       const [square, text] = this.squares[cell];
       const known = Number.isFinite(value);
-      const label = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+      const label = known ? value.toFixed(value >= 9.95 ? 0 : values.high < 1 ? 2 : 1) : "";
       place(square, { fill: known ? shade((value - values.low) / span) : "none" });
       if (text.textContent !== label) text.textContent = label;
     });
@@ -220,6 +220,11 @@ function arrow(x, y, [dx, dy], length, side) {
 
 // The colour map cividis, readable for colour-blind users: dark blue (few steps) to yellow (many).
 const CIVIDIS = [[0, 34, 78], [66, 78, 108], [123, 124, 120], [186, 173, 108], [254, 232, 56]];
+
+// The colours from `low` to `high`, as a legend.
+function scale(low, high) {
+  return make("span", { class: "scale" }, low, make("span", { class: "colors" }), high);
+}
 
 function shade(share) {
   const at = Math.min(Math.max(share, 0), 1) * (CIVIDIS.length - 1);

@@ -152,6 +152,7 @@ class Player {
     this.note = make("p", { class: "faint" });
     this.legend = make("p", { class: "legend" });
     this.spoken = make("p", { class: "faint", "aria-live": "polite" });
+    this.map = make("figure", { class: "map" });
     const games = this.episodes.every((episode) => episode.world.kind === "game");
     this.help = make("dialog", {}, make("h2", {}, "Keys"),
       make("table", {}, ...HELP.filter(([keys]) => !games || !"tvpo".includes(keys)).map(([keys, what]) => make("tr", {}, make("td", {}, make("kbd", {}, keys)), make("td", {}, what)))),
@@ -162,7 +163,7 @@ class Player {
       this.bar, this.clock, this.pace);
     const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
-      this.score, this.legend, this.numbers, this.spoken);
+      this.score, this.legend, this.numbers, this.map, this.spoken);
     const view = make("div", { class: "row controls" }, this.buttons.beside, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
     this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.help);
     view.classList.add("view");
@@ -197,8 +198,18 @@ class Player {
     this.choice.value = String(this.chosen);
     const { note, lost, length, beside } = this.episode;
     this.note.textContent = [note, lost !== undefined && `Steps lost: ${lost} (${length} steps, ${beside.by} ${beside.length}, from the same start).`].filter(Boolean).join(" ");
+    this.showMap(this.episode.map, { ...this.episode.world, agents: [], num_goals: 0 });
     this.bar.max = String(this.length);
     this.go(Math.min(this.step, this.length));
+  }
+
+  // numbers: [mean steps lost, or null, per start cell]
+  showMap(numbers, world) {
+    this.map.hidden = !numbers;
+    if (!numbers) return;
+    const picture = document.createElementNS(SVG, "svg"), high = Math.max(...numbers);
+    new Board(picture, world).inner.showValues({ numbers, low: 0, high });
+    this.map.replaceChildren(make("figcaption", {}, "Mean steps lost to the optimum, by the learner's start cell: ", scale("0", high.toFixed(2))), picture);
   }
 
   choose(number) {

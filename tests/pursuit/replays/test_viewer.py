@@ -20,7 +20,13 @@ from pursuit import Recorder, Replay
 from pursuit.rendering.rendering import ROLE_COLORS
 from pursuit.replays.viewer.data import Builder, Extras, replay_page
 from pursuit.replays.viewer.page import json_for_html, page
-from scripted_agents import AStarChaser, AStarEvader, action_values
+from scripted_agents import (
+    AStarChaser,
+    AStarEvader,
+    action_values,
+    best_response,
+    evaluate_exactly,
+)
 from train.commands.main import main
 from train.evaluation.recordings import add_compared
 from train.reports.pages import PLAYER_ELEMENT, page_of, write_page
@@ -186,6 +192,22 @@ def test_the_optimal_agent_plays_beside_from_the_same_start(browser: Any, tmp_pa
     assert sheet.tab.locator(".stage svg").count() == 1
     sheet.press("b")
     assert sheet.tab.locator(".stage svg").count() == 8
+    sheet.close()
+
+
+def test_a_map_of_the_steps_lost_by_start(browser: Any, tmp_path: Path) -> None:
+    compared(tmp_path / "page.html")
+    sheet = Sheet(browser, tmp_path / "page.html")
+    maze, chaser = pursuit.load_maze("5x5"), AStarChaser(0.4)
+    tables = [each.action_probabilities(maze) for each in (chaser, AStarEvader(0.2))]
+    achieved = evaluate_exactly(maze, *tables).values
+    lost = achieved - best_response("chaser", maze, tables[1]).values
+    mean = lost.sum(axis=1) / (maze.num_cells - 1)  # 0 where both start in one cell
+    shown = sheet.tab.locator(".map .labels text").all_text_contents()
+    assert [float(text) for text in shown] == pytest.approx(mean.tolist(), abs=0.51)
+    colors = sheet.tab.locator(".map .values rect").all()
+    assert len({each.get_attribute("fill") for each in colors}) > 10
+    assert f"0{mean.max():.2f}" in sheet.tab.locator(".map figcaption").text_content()
     sheet.close()
 
 
