@@ -2,6 +2,7 @@
 // (see pursuit/replays/viewer/data.py).
 
 const TRAIL = 24; // steps shown in a trail
+const DUELS = "known for one chaser and one evader with known probabilities, in one maze of up to 225 cells";
 const HELP = [
   ["space", "play, pause"], ["← →", "one step back, forward (with shift ten)"], ["home end", "first, last step"],
   ["↑ ↓", "previous, next episode"], ["0 … 9", "speed: 1 is one step per second, each higher number doubles it, 0 is the maximum"],
@@ -55,6 +56,12 @@ class Episode {
     });
   }
 
+  // The path of the optimal agent from the same start, of an agent alone: then it depends on nothing else.
+  get tour() {
+    const { angles, cells } = this.beside || {};
+    return angles || (cells && cells.length === 1 && cells[0]) || [];
+  }
+
   count(step, agent, kind) {
     return this.events.filter(([at, actor, event]) => at <= step && actor === agent && event === kind).length;
   }
@@ -82,6 +89,14 @@ class Overlay {
   valuesAt(other) {
     const numbers = Array.from({ length: this.cells }, (_, own) => (own === other ? NaN : this.values[own * this.cells + other]));
     return { numbers, low: this.low, high: this.high };
+  }
+
+  // The probabilities of the actions of `choicesTable`; optimal ones are equally probable.
+  choiceAt(own, other, { neighbors, names }) {
+    const { learned, optimal } = this.arrowsAt(other), best = learned[own].map((_, action) => (optimal[own] >> action) & 1);
+    const sum = best.reduce((a, b) => a + b, 0);
+    const actions = learned[own].map((_, action) => (neighbors ? names[neighbors[own][action]] : ["north", "south", "east", "west", "stay"][action]));
+    return { actions, played: learned[own], best: best.map((bit) => bit / (sum || 1)) };
   }
 
   arrowsAt(other) {
@@ -143,14 +158,15 @@ class Player {
     this.clock = make("output", {});
     this.pace = make("select", { "aria-label": "speed", onchange: () => this.setSpeed(Number(this.pace.value)) },
       ...Array.from({ length: 10 }, (_, speed) => make("option", { value: speed }, speed ? `${2 ** (speed - 1)}/s` : "fastest")));
-    this.choice = make("select", { "aria-label": "episode", onchange: () => this.choose(Number(this.choice.value)) },
-      ...this.episodes.map((episode, number) => make("option", { value: number }, episode.name)));
+    this.choice = make("div", { class: "row episodes", role: "group", "aria-label": "episode" },
+      ...this.episodes.map((episode, number) => make("button", { type: "button", onclick: () => this.choose(number) }, episode.name)));
     this.sideChoice = make("select", { "aria-label": "agent", onchange: () => { this.side = Number(this.sideChoice.value); this.show(); } });
     this.stage = make("div", { class: "stage" });
     this.score = make("div", { class: "wide" });
     this.numbers = make("div", { class: "numbers" });
     this.note = make("p", { class: "faint" });
-    this.legend = make("p", { class: "legend" });
+    this.why = make("p", { class: "faint why" });
+    this.legend = make("div", { class: "legend" });
     this.spoken = make("p", { class: "faint", "aria-live": "polite" });
     this.map = make("figure", { class: "map" });
     const games = this.episodes.every((episode) => episode.world.kind === "game");
@@ -161,11 +177,11 @@ class Player {
       button("«", "first step (home)", () => this.go(0)), button("‹", "one step back (left)", () => this.go(this.step - 1)),
       this.buttons.play, button("›", "one step forward (right)", () => this.go(this.step + 1)), button("»", "last step (end)", () => this.go(this.length)),
       this.bar, this.clock, this.pace);
-    const side = make("div", { class: "side" }, make("div", { class: "row" }, this.choice), this.note,
+    const side = make("div", { class: "side" }, this.choice, this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
-      this.score, this.legend, this.numbers, this.map, this.spoken);
+      this.why, this.score, this.legend, this.numbers, this.spoken);
     const view = make("div", { class: "row controls" }, this.buttons.beside, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
-    this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.help);
+    this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.map, this.help);
     view.classList.add("view");
     this.root.append(this.frame);
   }
@@ -195,12 +211,27 @@ class Player {
     this.buttons.policy.disabled = !sides.some((side) => side.learned || side.optimal);
     this.buttons.seen.disabled = !(this.episode.seen || this.episode.observed);
     this.sideChoice.parentElement.hidden = this.episode.world.kind === "game";
-    this.choice.value = String(this.chosen);
+    this.explain();
+    [...this.choice.children].forEach((button, number) => button.setAttribute("aria-pressed", String(number === this.chosen)));
     const { note, lost, length, beside } = this.episode;
     this.note.textContent = [note, lost !== undefined && `Steps lost: ${lost} (${length} steps, ${beside.by} ${beside.length}, from the same start).`].filter(Boolean).join(" ");
     this.showMap(this.episode.map, { ...this.episode.world, agents: [], num_goals: 0 });
     this.bar.max = String(this.length);
     this.go(Math.min(this.step, this.length));
+  }
+
+  // Why buttons are grey: as their titles, and as text for users without a mouse.
+  explain() {
+    const alone = this.episode.alone || "in reports of one learner whose optimum is known";
+    const reasons = { values: DUELS, policy: DUELS, seen: "in reports of runs in mazes", beside: alone };
+    const names = new Map(); // by reason
+    for (const [name, reason] of Object.entries(reasons)) {
+      const button = this.buttons[name];
+      button.dataset.title ||= button.title;
+      button.title = button.disabled ? reason : button.dataset.title;
+      if (button.disabled && !button.parentElement.hidden) names.set(reason, [...(names.get(reason) || []), button.textContent]);
+    }
+    this.why.textContent = [...names].map(([reason, buttons]) => `Not here: ${buttons.join(", ")} (${reason}).`).join(" ");
   }
 
   // numbers: [mean steps lost, or null, per start cell]
@@ -307,12 +338,12 @@ class Player {
   }
 
   extras(episode, frame, step) {
-    const first = Math.max(0, step - TRAIL);
-    if (episode.world.kind === "arm") return { trail: this.shown.trails ? episode.angles.slice(first, step + 1) : [] };
     if (episode.world.kind === "game") return {};
+    const tour = this.shown.trails ? episode.tour : [], first = tour.length ? 0 : Math.max(0, step - TRAIL);
+    if (episode.world.kind === "arm") return { tour, trail: this.shown.trails ? episode.angles.slice(first, step + 1) : [] };
     const until = episode.cells.map((path, agent) => (episode.gone[agent] === null ? step : Math.min(step, episode.gone[agent])));
     const extras = {
-      trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
+      tour, trails: this.shown.trails ? episode.cells.map((path, agent) => path.slice(first, until[agent] + 1)) : [],
     };
     const isBeside = !this.several && episode !== this.episode; // its values are those of the learner
     const side = isBeside && this.side ? null : this.sides(episode)[this.several ? 0 : this.side];
@@ -352,17 +383,32 @@ class Player {
       const tables = choices.map((choice, agent) => choicesTable(names[agent], choice, episode.actions[step][agent]));
       this.score.append(...tables.filter((_, agent) => choices[agent].actions.length > 1)); // not of those who wait
     }
-    const side = this.sides()[this.side], parts = game ? [episode.world.legend] : [];
+    const side = this.sides()[this.side], frame = episode.frame(step), [own, other] = side ? [frame.cells[side.seat], frame.cells[side.other]] : [];
+    if (side && this.shown.policy && side.learned && side.optimal && own >= 0 && other >= 0) {
+      this.score.append(choicesTable(side.name, side.choiceAt(own, other, episode.world), null, "optimal"));
+    }
+    const parts = game ? [episode.world.legend] : [];
+    const signs = game || arm ? [] : [...new Set(episode.world.agents.map((agent) => agent.role))].map((role) => sign((into) => token(into, role, ""), role));
+    const line = (name, d) => (into) => draw(draw(into, "g", { class: "arrows" }), "path", { class: name, d });
+    if (goals) signs.push(sign((into) => token(into, "goal", ""), "goal"));
+    if (episode.world.exits) signs.push(sign((into) => draw(draw(into, "g", { class: "exits" }), "rect", { x: -4, y: -4, width: 8, height: 8 }), "exit"));
+    if (arm) signs.push(sign((into) => draw(into, "circle", { class: "tip", r: 3 }), "tip"), sign((into) => draw(into, "circle", { class: "target", r: 4 }), "target"));
+    if (this.shown.trails && episode.tour.length) {
+      signs.push(sign((into) => draw(into, "polyline", { class: "trail tour", points: "-5,0 5,0" }), `path of the ${episode.beside.by} agent, ${episode.beside.length} steps; that of ${episode.by} has ${episode.length}`));
+    }
+    if (side && this.shown.policy && side.learned) signs.push(sign(line("learned", arrow(-3, 0, [1, 0], 6, 0)), "played move, the most probable"));
+    if (side && this.shown.policy) signs.push(sign(line("optimal", arrow(-3, 0, [1, 0], 6, 0)), "optimal moves"), sign(line("learned", arrow(0, 0, [0, 0], 0, 0)), "waits"));
+    if (side && this.shown.policy && side.learned) signs.push(sign(line("differs", "M-4 -4h8v8h-8z"), "not optimal"));
+    if (side && this.shown.values && side.values) signs.push(make("span", { class: "sign" }, scale(side.low.toFixed(1), side.high.toFixed(1)), " steps until capture"));
     const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
     if (players.length) parts.push(`${players.join(", ")}.`);
-    if (episode.world.exits) parts.push("Green cells are exits; evaders that have left the game are dashed.");
-    if (side && this.shown.values && side.values) parts.push(`Values: exact expected steps until capture from the start of an episode, for each cell of ${side.name} (blue few, yellow many).`);
-    if (side && this.shown.policy) parts.push(`Moves of ${side.name}: dashed optimal${side.learned ? ", solid played (the most probable one); a dotted frame if they differ" : ""}.`);
+    if (episode.world.exits) parts.push("Evaders that have left the game are dashed.");
+    if (side && (this.shown.values || this.shown.policy)) parts.push(`Values and moves are those of ${side.name}, exact from the start of an episode, in each of its cells.`);
     if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
-    this.legend.textContent = parts.join(" ");
+    this.legend.replaceChildren(...signs, make("p", {}, parts.join(" ")));
     const observed = this.shown.seen && episode.observed;
     this.numbers.textContent = observed ? `${observed.encoding}: ${observed.steps[step].join(" ")}` : "";
-    this.spoken.textContent = this.playing ? "" : this.words(episode.frame(step));
+    this.spoken.textContent = this.playing ? "" : this.words(frame);
   }
 
   words(frame) {

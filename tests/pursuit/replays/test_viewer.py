@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -23,15 +24,23 @@ from pursuit.replays.viewer.page import json_for_html, page
 from scripted_agents import (
     AStarChaser,
     AStarEvader,
+    InverseKinematics,
+    RandomAgent,
+    TablePolicy,
     action_values,
     best_response,
     evaluate_exactly,
+    tour_length,
 )
+from scripted_agents.games.agents import named_agent
+from scripted_agents.games.named import load_game
+from scripted_agents.games.simulator import GameTask
 from train.commands.main import main
 from train.evaluation.recordings import add_compared
+from train.evaluation.small_game_replay import add_small_game
 from train.reports.pages import PLAYER_ELEMENT, page_of, write_page
 from train.runs.parts import contest_of
-from train.settings.task import TaskSettings
+from train.settings.task import ReacherSettings, TaskSettings
 
 HOSTILE = """</script><script>window.hacked = 1</script><img src=x onerror="window.hacked=2">&'\""""
 
@@ -115,7 +124,7 @@ def test_keys_and_mouse_show_the_states_of_the_simulator(
         sheet.press("ArrowDown")
     assert sheet.state()["episode"] == 0
     longest = max(range(3), key=lambda number: duel.episodes[number].length)
-    sheet.tab.select_option("select[aria-label=episode]", str(longest))
+    sheet.tab.locator(".episodes button").nth(longest).click()
     bar = sheet.tab.locator("input[type=range]").bounding_box()
     sheet.tab.mouse.click(bar["x"] + bar["width"] / 2, bar["y"] + bar["height"] / 2)
     middle = sheet.state()["step"]
@@ -140,7 +149,7 @@ def compared(path: Path, epsilon: float = 0.4) -> list[dict[str, Any]]:
     """Write the page of a chaser that errs, with the optimal one beside it; the episodes."""
     contest: Any = contest_of(TaskSettings(maze="5x5", role="chaser"), 8)
     builder, games = Builder(), {f"episode {number + 1}": number for number in range(8)}
-    add_compared(builder, contest, AStarChaser(epsilon), games, "A*")
+    add_compared(builder, contest, AStarChaser(epsilon), games, "A*", "index")
     write_page(path, "compared", [PLAYER_ELEMENT], builder.data(""))
     return builder.items
 
@@ -208,6 +217,154 @@ def test_a_map_of_the_steps_lost_by_start(browser: Any, tmp_path: Path) -> None:
     colors = sheet.tab.locator(".map .values rect").all()
     assert len({each.get_attribute("fill") for each in colors}) > 10
     assert f"0{mean.max():.2f}" in sheet.tab.locator(".map figcaption").text_content()
+    sheet.close()
+
+
+def runners(path: Path, task: TaskSettings | ReacherSettings, policy: Any) -> list[dict[str, Any]]:
+    """As `compared`, of a task with one agent."""
+    contest: Any = contest_of(task, 8)
+    builder, games = Builder(), {f"episode {number + 1}": number for number in range(8)}
+    add_compared(builder, contest, policy, games, "mine")
+    write_page(path, "alone", [PLAYER_ELEMENT], builder.data(""))
+    return builder.items
+
+
+def test_the_optimal_tour_is_drawn_beside_the_path_of_a_runner(
+    browser: Any, tmp_path: Path
+) -> None:
+    given = TaskSettings(task="maze", maze="5x5", num_goals=3)
+    items = runners(tmp_path / "tour.html", given, RandomAgent())
+    sheet = Sheet(browser, tmp_path / "tour.html")
+    item, maze = items[sheet.state()["episode"]], pursuit.load_maze("5x5")
+    start, goals = item["cells"][0][0], [cell for cell, _ in item["goals"]]
+    tour = item["beside"]["cells"][0]
+    assert len(tour) - 1 == item["beside"]["length"] == tour_length(maze, start, goals)
+    drawn = sheet.tab.locator(".trail.tour").first
+    points = [tuple(map(float, pair.split(","))) for pair in drawn.get_attribute("points").split()]
+    assert points == [(10 * maze.columns[cell] + 5, 10 * maze.rows[cell] + 5) for cell in tour]
+    assert drawn.evaluate("line => getComputedStyle(line).strokeDasharray") != "none"
+    text = sheet.tab.locator(".legend").inner_text()
+    assert f"optimal agent, {len(tour) - 1} steps; that of mine has {item['length']}" in text
+    sheet.press("t")
+    assert drawn.get_attribute("points") == ""
+    sheet.close()
+    arm = runners(tmp_path / "arm.html", ReacherSettings(joints=2), InverseKinematics())
+    sheet = Sheet(browser, tmp_path / "arm.html")
+    shown = arm[sheet.state()["episode"]]["beside"]["angles"]
+    points = sheet.tab.locator(".trail.tour").first.get_attribute("points").split()
+    assert len(points) == len(shown) and sheet.tab.locator(".stage svg").count() == 2
+    sheet.close()
+
+
+def test_grey_buttons_say_why_and_signs_what_they_mean(browser: Any, tmp_path: Path) -> None:
+    env = gymnasium.make("pursuit/Reacher-v0", joints=2, max_steps=5)
+    path = written(tmp_path / "arm.html", random_replay(env, 1).page())
+    sheet = Sheet(browser, path, viewport={"width": 390, "height": 800}, has_touch=True)
+    for name in ("values", "policy", "observed", "beside optimal"):
+        button = sheet.tab.get_by_role("button", name=name)
+        assert button.is_disabled()
+        why = button.get_attribute("title")
+        said = "values, policy" if name == "values" else name
+        assert f"{said} ({why})" in sheet.tab.locator(".why").inner_text()
+    assert sheet.tab.locator(".sign").all_inner_texts() == ["tip", "target"]
+    sheet.close()
+    compared(tmp_path / "page.html")
+    sheet = Sheet(browser, tmp_path / "page.html")
+    assert sheet.tab.locator(".why").is_hidden()  # all are known here
+    signs = [text.strip() for text in sheet.tab.locator(".sign").all_inner_texts()]
+    assert signs[:2] == ["chaser", "evader"]
+    assert signs[2:6] == ["played move, the most probable", "optimal moves", "waits", "not optimal"]
+    assert signs[6].endswith("steps until capture")
+    sheet.press("p", "v")
+    assert len(sheet.tab.locator(".sign").all()) == 2
+    sheet.close()
+
+
+def test_arrows_stay_beside_the_numbers_and_waiting_is_a_dot(browser: Any, tmp_path: Path) -> None:
+    contest: Any = contest_of(TaskSettings(maze="5x5", role="chaser", stay_action=True), 4)
+    builder, waiting = Builder(), np.zeros((25, 25, 5))
+    waiting[..., 4] = 1.0
+    policy = TablePolicy(contest.task.mazes[0], waiting)
+    add_compared(builder, contest, policy, {"one": 0}, "waiting")
+    write_page(tmp_path / "page.html", "waits", [PLAYER_ELEMENT], builder.data(""))
+    sheet = Sheet(browser, tmp_path / "page.html")
+    dots = sheet.tab.locator(".stage .learned[d*=a]")  # arcs of a circle
+    assert dots.count() == 24
+    boxes: Any = sheet.tab.evaluate(
+        "['.labels text', '.arrows .optimal'].map(name => [...document.querySelector('.stage')"
+        ".querySelectorAll(name)].map(e => [e.getBBox(), e.textContent || e.getAttribute('d')])"
+        ".map(([b, full]) => full ? [b.x, b.y, b.x + b.width, b.y + b.height] : null))"
+    )
+    for number, arrow in zip(*boxes, strict=True):
+        if number and arrow:  # numbers have free room above and below their digits
+            assert arrow[1] >= number[3] - 0.8 or arrow[0] >= number[2]
+    sheet.close()
+
+
+def test_a_shadow_says_that_a_table_scrolls(browser: Any, tmp_path: Path) -> None:
+    row = "| " + " | ".join(["a rather long heading"] * 8) + " |\n"
+    write_page(tmp_path / "page.html", "wide", [row + "|---" * 8 + "|\n" + row])
+    tab = browser.new_page(viewport={"width": 390, "height": 800})
+    tab.goto((tmp_path / "page.html").as_uri())
+    table = tab.locator(".wide")
+    assert table.evaluate("wide => wide.scrollWidth > wide.clientWidth")
+    style = table.evaluate("wide => getComputedStyle(wide).backgroundAttachment")
+    assert style == "local, local, scroll, scroll"
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390
+    tab.close()
+
+
+def small_game(path: Path, name: str, max_steps: int = 12) -> Any:
+    """Write the page of an episode of a shipped game, by uniform players; its world."""
+    builder, task = Builder(), GameTask(load_game(name), name, max_steps)
+    uniform = {player: named_agent("uniform", task, player) for player in task.game.players}
+    labels = dict.fromkeys(task.game.players, "uniform")
+    add_small_game(builder, task, uniform, {"one": 0, "two": 1}, 0.95, labels)
+    write_page(path, name, [PLAYER_ELEMENT], builder.data(""))
+    return builder.worlds[0]
+
+
+@pytest.mark.parametrize("name", ["soccer", "border_control", "maze_game"])
+def test_grids_of_small_games_are_drawn(name: str, browser: Any, tmp_path: Path) -> None:
+    world = small_game(tmp_path / "page.html", name)
+    sheet = Sheet(browser, tmp_path / "page.html")
+    lines = world["states"][sheet.state()["state"]]["drawing"].splitlines()
+    rows = lines[1 : max(n for n, line in enumerate(lines) if line[:1] == "+")]
+    marks: Any = [line.strip("| ").split() for line in rows]
+    if name == "maze_game":  # between walls
+        marks = [line[1::2] for line in rows[::2]]
+    expected = {
+        (row, column): mark
+        for row, line in enumerate(marks)
+        for column, mark in enumerate(line)
+        if mark[0].isalnum()
+    }
+    drawn = sheet.tab.locator(".stage svg .agents > g").all()
+    assert 2 <= len(drawn) == len(expected)
+    for token in drawn:
+        x, y = map(float, token.get_attribute("transform")[10:-1].split())
+        mark = expected[(int(y // 10), int(x // 10))]
+        assert token.text_content() == mark[0]
+        assert token.locator(".ball").count() == (mark[1:] == "*")
+        player = any(each["name"][0].upper() == mark[0] for each in world["agents"])
+        assert ("token" in token.get_attribute("class")) == player
+    assert sheet.tab.locator(".stage pre").is_hidden()
+    assert sheet.tab.locator(".episodes button").all_text_contents() == ["one", "two"]
+    sheet.tab.locator(".episodes button").nth(1).click()
+    assert sheet.state()["episode"] == 1
+    sheet.close()
+
+
+def test_bids_are_cards_and_probabilities_bars(browser: Any, tmp_path: Path) -> None:
+    world = small_game(tmp_path / "page.html", "goofspiel")
+    sheet = Sheet(browser, tmp_path / "page.html")
+    state = world["states"][sheet.state()["state"]]
+    cards = sheet.tab.locator(".card").all_text_contents()
+    assert cards == re.findall(r"\b\d+\b", state["drawing"]) and len(cards) > 6
+    bars = sheet.tab.locator(".side table").nth(1).locator(".bar").all()
+    widths = [bar.evaluate("bar => bar.getBoundingClientRect().width") for bar in bars]
+    shares = np.stack([state["choices"][0][which] for which in ("played", "best")], axis=1)
+    assert widths == pytest.approx((48 * shares).ravel().tolist(), abs=0.6)
     sheet.close()
 
 
@@ -363,7 +520,7 @@ def test_the_report_of_a_run(browser: Any, run: Path) -> None:
     replay = Replay.load(run / "replays.json")
     assert replay.check() == []
     sheet = Sheet(browser, report)
-    labels = sheet.tab.locator("select[aria-label=episode] option").all_text_contents()
+    labels = sheet.tab.locator(".episodes button").all_text_contents()
     assert labels[:3] == ["episode 1", "episode 2", "episode 3"]
     assert labels == [episode.label for episode in replay.episodes]
     text = sheet.tab.locator("body").inner_text()
@@ -384,7 +541,7 @@ def test_view_writes_pages_of_runs_and_replays(
     games = [str(run), str(run / "replays.json")]
     main(["view", *games, "--episodes", "2", "--out", str(out), "--no-open"])
     sheet = Sheet(browser, out)
-    labels = sheet.tab.locator("select[aria-label=episode] option").all_text_contents()
+    labels = sheet.tab.locator(".episodes button").all_text_contents()
     assert len(labels) == 2 + len(Replay.load(run / "replays.json").episodes)
     sheet.close()
     capsys.readouterr()

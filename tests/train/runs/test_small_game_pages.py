@@ -127,6 +127,9 @@ def test_the_browser_shows_drawings_and_numbers_and_loads_nothing(
     path = runs["svg"] / "report.html"
     tab.goto(path.as_uri())
     item, world = Parts(path).data["items"][0], Parts(path).data["worlds"][0]
+    tab.evaluate("window.pursuit.choose(0)")
+    assert tab.locator(".stage img").count() == 2  # the optimal thief is beside the learned one
+    tab.keyboard.press("c")
     for step in range(item["length"] + 1):
         found = tab.evaluate("window.pursuit.state()")
         assert (found["step"], found["state"]) == (step, item["states"][step])
