@@ -59,6 +59,7 @@ class GameBoard {
 }
 
 // The probabilities of a player's legal actions in a state, with bars; the next action is bold.
+// Of many actions those that are not played are left out.
 function choicesTable(name, choice, next, other = "best response") {
   const row = (kind, ...parts) => make("tr", {}, ...parts.map((part, place) => make(kind, { class: place ? "number" : "" }, part)));
   const share = (part, kind) => {
@@ -66,7 +67,8 @@ function choicesTable(name, choice, next, other = "best response") {
     bar.style.width = `${3 * part}rem`; // as an attribute it would be blocked
     return make("span", {}, bar, `${(100 * part).toFixed(1)} %`);
   };
+  const few = choice.actions.length < 10, isUsed = (action, place) => few || action === next || choice.played[place] >= 0.0005 || choice.best[place] > 0;
   return make("table", {}, row("th", `${name}, next`, "played", other),
-    ...choice.actions.map((action, place) => row("td", action === next ? make("strong", {}, action) : action,
-      share(choice.played[place], "learned"), share(choice.best[place], "optimal"))));
+    ...choice.actions.map((action, place) => isUsed(action, place) && row("td", action === next ? make("strong", {}, action) : action,
+      share(choice.played[place], "learned"), share(choice.best[place], "optimal"))).filter(Boolean));
 }
