@@ -14,27 +14,29 @@ class GameBoard {
     element.append(this.text, this.image, this.drawn);
   }
 
-  // A drawing in text as a picture: a maze or a grid with a frame, numbers as cards, a field between # as squares;
-  // null for other text.
+  // The parts of a picture of text: a maze or a grid with a frame, numbers as cards, a field between # as
+  // squares; null for other text.
   pictureOf(lines) {
-    const isMaze = /^\+([- ]\+)+$/.test(lines[0]), isGrid = !isMaze && /^\+-+\+$/.test(lines[0]);
-    const end = isMaze || isGrid ? lines.findLastIndex((line) => line[0] === "+") + 1 : 0, rest = lines.slice(end);
-    if (!rest.every((line) => PLAIN.test(line)) || !(end || rest.some((line) => PIECES.test(line)))) return null;
-    const piece = (part) => (part[0] === "#" ? make("span", {}, ...[...part.slice(1, -1)].map((mark) => make("span", { class: "square" }, mark === "." ? "" : mark))) : make("span", { class: "card" }, part));
-    const words = rest.filter(Boolean).map((line) => make("p", {}, ...line.split(PIECES).map((part, place) => (place % 2 ? piece(part) : part))));
-    return end ? [this.gridOf(lines.slice(0, end), isMaze), ...words] : words;
+    const isMaze = /^\+([- ]\+)+$/.test(lines[0]), hasFrame = isMaze || /^\+-+\+$/.test(lines[0]);
+    const end = hasFrame ? lines.findLastIndex((line) => line[0] === "+") + 1 : 0, rest = lines.slice(end).filter(Boolean);
+    const cells = isMaze
+      ? lines.slice(0, end).filter((_, line) => line % 2).map((line) => [...line].filter((_, place) => place % 2))
+      : lines.slice(1, Math.max(end - 1, 1)).map((line) => line.slice(1).match(/[^\s|]+/g) || []);
+    const isGrid = cells.length > 0 && cells.every((row) => row.length && (isMaze || row.length === cells[0].length));
+    if (!rest.every((line) => PLAIN.test(line)) || !(hasFrame ? isGrid : rest.some((line) => PIECES.test(line)))) return null;
+    const square = (mark) => make("span", { class: "square" }, mark === "." ? "" : mark);
+    const piece = (part) => (part[0] === "#" ? make("span", {}, ...[...part.slice(1, -1)].map(square)) : make("span", { class: "card" }, part));
+    const words = rest.map((line) => make("p", {}, ...line.split(PIECES).map((part, place) => (place % 2 ? piece(part) : part))));
+    return hasFrame ? [this.gridOf(cells, isMaze ? lines.slice(0, end) : framed(lines.slice(1, end - 1), cells[0].length)), ...words] : words;
   }
 
-  gridOf(lines, isMaze) {
-    const rows = isMaze ? lines.filter((_, line) => line % 2).map((line) => [...line].filter((_, place) => place % 2)) : lines.slice(1, -1).map((line) => line.slice(1).match(/[^\s|]+/g));
-    const height = rows.length, width = Math.max(...rows.map((row) => row.length)), edge = "+-".repeat(width) + "+";
-    const open = rows.map((_, row) => (isMaze ? "" : `${lines[row + 1][0]}${" ".repeat(2 * width - 1)}${lines[row + 1].trimEnd().endsWith("|") ? "|" : " "}`));
-    const walls = isMaze ? lines.join("\n") : [edge, ...open.flatMap((line) => [line, ""]).slice(0, -1), edge].join("\n");
-    const picture = draw(null, "svg", { class: "board" });
-    const { layers } = new MazeBoard(picture, { height, width, walls, cells: [], agents: [], num_goals: 0 });
-    rows.forEach((row, y) => row.forEach((mark, x) => {
+  // cells: [rows][columns] marks; walls: the lines of a maze
+  gridOf(cells, walls) {
+    const picture = draw(null, "svg", { class: "board" }), width = Math.max(...cells.map((row) => row.length));
+    const { layers } = new MazeBoard(picture, { height: cells.length, width, walls: walls.join("\n"), cells: [], agents: [], num_goals: 0 });
+    cells.forEach((row, y) => row.forEach((mark, x) => {
       if (" .#".includes(mark[0])) return;
-      const seat = this.world.agents.findIndex(({ name }) => name[0].toUpperCase() === mark[0]);
+      const seat = this.world.agents.findIndex(({ name }) => name.charAt(0).toUpperCase() === mark[0]);
       const group = seat < 0 ? draw(layers.agents, "g", { class: "mark" }) : token(layers.agents, ROLES[seat % 3], mark[0]);
       if (seat < 0) draw(group, "text", { y: 1.4 }, mark);
       if (mark.includes("*")) draw(group, "circle", { class: "ball", cx: 3, cy: 2.6, r: 1.4 });
@@ -58,6 +60,12 @@ class GameBoard {
   }
 }
 
+// The lines of a maze without inner walls, open at the sides where the rows of a frame are.
+function framed(rows, width) {
+  const edge = `+${"-+".repeat(width)}`, side = (mark) => (mark === "|" ? "|" : " ");
+  return [edge, ...rows.flatMap((row) => [`${side(row[0])}${" ".repeat(2 * width - 1)}${side(row.trimEnd().slice(1).slice(-1))}`, ""]).slice(0, -1), edge];
+}
+
 // The probabilities of a player's legal actions in a state, with bars; the next action is bold.
 // Of many actions those that are not played are left out.
 function choicesTable(name, choice, next, other = "best response") {
@@ -67,7 +75,8 @@ function choicesTable(name, choice, next, other = "best response") {
     bar.style.width = `${3 * part}rem`; // as an attribute it would be blocked
     return make("span", {}, bar, `${(100 * part).toFixed(1)} %`);
   };
-  const few = choice.actions.length < 10, isUsed = (action, place) => few || action === next || choice.played[place] >= 0.0005 || choice.best[place] > 0;
+  const isPlayed = (place) => choice.played[place] >= 0.0005 || choice.best[place] > 0;
+  const isUsed = (action, place) => choice.actions.length < 10 || action === next || isPlayed(place);
   return make("table", {}, row("th", `${name}, next`, "played", other),
     ...choice.actions.map((action, place) => isUsed(action, place) && row("td", action === next ? make("strong", {}, action) : action,
       share(choice.played[place], "learned"), share(choice.best[place], "optimal"))).filter(Boolean));

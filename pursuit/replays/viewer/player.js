@@ -180,7 +180,8 @@ class Player {
     const side = make("div", { class: "side" }, this.choice, this.note,
       make("div", { class: "row" }, this.buttons.trails, this.buttons.values, this.buttons.policy, this.buttons.seen, this.sideChoice),
       this.why, this.score, this.legend, this.numbers, this.spoken);
-    const view = make("div", { class: "row controls" }, this.buttons.beside, this.buttons.several, button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
+    const view = make("div", { class: "row controls" }, this.buttons.beside, this.buttons.several,
+      button("dark / light", "dark or light (d)", () => this.theme()), button("keys", "keys (?)", () => this.help.showModal()));
     this.frame = make("section", { class: "player", "aria-label": "player" }, controls, view, this.stage, side, this.map, this.help);
     view.classList.add("view");
     this.root.append(this.frame);
@@ -213,8 +214,9 @@ class Player {
     this.sideChoice.parentElement.hidden = this.episode.world.kind === "game";
     this.explain();
     [...this.choice.children].forEach((button, number) => button.setAttribute("aria-pressed", String(number === this.chosen)));
-    const { note, lost, length, beside } = this.episode;
-    this.note.textContent = [note, lost !== undefined && `Steps lost: ${lost} (${length} steps, ${beside.by} ${beside.length}, from the same start).`].filter(Boolean).join(" ");
+    const { note = "", lost, length, beside } = this.episode;
+    const compared = lost === undefined ? "" : `Steps lost: ${lost} (${length} steps, ${beside.by} ${beside.length}, from the same start).`;
+    this.note.textContent = `${note} ${compared}`.trim();
     this.showMap(this.episode.map, { ...this.episode.world, agents: [], num_goals: 0 });
     this.bar.max = String(this.length);
     this.go(Math.min(this.step, this.length));
@@ -240,7 +242,8 @@ class Player {
     if (!numbers) return;
     const picture = document.createElementNS(SVG, "svg"), high = Math.max(...numbers);
     new Board(picture, world).inner.showValues({ numbers, low: 0, high });
-    this.map.replaceChildren(make("figcaption", {}, "Mean steps lost to the optimum, by the learner's start cell: ", scale("0", high.toFixed(2))), picture);
+    const legend = scale("0", high.toFixed(2));
+    this.map.replaceChildren(make("figcaption", {}, "Mean steps lost to the optimum, by the learner's start cell: ", legend), picture);
   }
 
   choose(number) {
@@ -383,32 +386,42 @@ class Player {
       const tables = choices.map((choice, agent) => choicesTable(names[agent], choice, episode.actions[step][agent]));
       this.score.append(...tables.filter((_, agent) => choices[agent].actions.length > 1)); // not of those who wait
     }
-    const side = this.sides()[this.side], frame = episode.frame(step), [own, other] = side ? [frame.cells[side.seat], frame.cells[side.other]] : [];
+    const side = this.sides()[this.side], frame = episode.frame(step);
+    const [own, other] = side ? [frame.cells[side.seat], frame.cells[side.other]] : [];
     if (side && this.shown.policy && side.learned && side.optimal && own >= 0 && other >= 0) {
       this.score.append(choicesTable(side.name, side.choiceAt(own, other, episode.world), null, "optimal"));
     }
     const parts = game ? [episode.world.legend] : [];
-    const signs = game || arm ? [] : [...new Set(episode.world.agents.map((agent) => agent.role))].map((role) => sign((into) => token(into, role, ""), role));
-    const line = (name, d) => (into) => draw(draw(into, "g", { class: "arrows" }), "path", { class: name, d });
-    if (goals) signs.push(sign((into) => token(into, "goal", ""), "goal"));
-    if (episode.world.exits) signs.push(sign((into) => draw(draw(into, "g", { class: "exits" }), "rect", { x: -4, y: -4, width: 8, height: 8 }), "exit"));
-    if (arm) signs.push(sign((into) => draw(into, "circle", { class: "tip", r: 3 }), "tip"), sign((into) => draw(into, "circle", { class: "target", r: 4 }), "target"));
-    if (this.shown.trails && episode.tour.length) {
-      signs.push(sign((into) => draw(into, "polyline", { class: "trail tour", points: "-5,0 5,0" }), `path of the ${episode.beside.by} agent, ${episode.beside.length} steps; that of ${episode.by} has ${episode.length}`));
-    }
-    if (side && this.shown.policy && side.learned) signs.push(sign(line("learned", arrow(-3, 0, [1, 0], 6, 0)), "played move, the most probable"));
-    if (side && this.shown.policy) signs.push(sign(line("optimal", arrow(-3, 0, [1, 0], 6, 0)), "optimal moves"), sign(line("learned", arrow(0, 0, [0, 0], 0, 0)), "waits"));
-    if (side && this.shown.policy && side.learned) signs.push(sign(line("differs", "M-4 -4h8v8h-8z"), "not optimal"));
-    if (side && this.shown.values && side.values) signs.push(make("span", { class: "sign" }, scale(side.low.toFixed(1), side.high.toFixed(1)), " steps until capture"));
     const players = names.map((name, agent) => episode.players[agent] && `${name} is ${episode.players[agent]}`).filter(Boolean);
     if (players.length) parts.push(`${players.join(", ")}.`);
     if (episode.world.exits) parts.push("Evaders that have left the game are dashed.");
-    if (side && (this.shown.values || this.shown.policy)) parts.push(`Values and moves are those of ${side.name}, exact from the start of an episode, in each of its cells.`);
+    if (side && (this.shown.values || this.shown.policy)) parts.push(`Values and moves of ${side.name} in each cell, exact from the start of an episode.`);
     if (this.shown.seen && episode.seen) parts.push(`Observation of ${episode.seen.agent}: ${episode.seen.names.join(", ")}.`);
-    this.legend.replaceChildren(...signs, make("p", {}, parts.join(" ")));
+    this.legend.replaceChildren(...this.signs(episode, side), make("p", {}, parts.join(" ")));
     const observed = this.shown.seen && episode.observed;
     this.numbers.textContent = observed ? `${observed.encoding}: ${observed.steps[step].join(" ")}` : "";
     this.spoken.textContent = this.playing ? "" : this.words(frame);
+  }
+
+  // The signs of the board and their meanings; side: the overlay that is shown, if any.
+  signs(episode, side) {
+    const { world, tour, beside, by, length } = episode, arm = world.kind === "arm", { trails, values, policy } = this.shown;
+    const roles = world.kind === "maze" ? [...new Set(world.agents.map((agent) => agent.role)), ...(world.num_goals ? ["goal"] : [])] : [];
+    const line = (name, d) => (into) => draw(draw(into, "g", { class: "arrows" }), "path", { class: name, d });
+    const ahead = arrow(-3, 0, [1, 0], 6, 0), learned = side && policy && side.learned;
+    return [
+      ...roles.map((role) => sign((into) => token(into, role, ""), role)),
+      world.exits && sign((into) => draw(draw(into, "g", { class: "exits" }), "rect", { x: -4, y: -4, width: 8, height: 8 }), "exit"),
+      arm && sign((into) => draw(into, "circle", { class: "tip", r: 3 }), "tip"),
+      arm && sign((into) => draw(into, "circle", { class: "target", r: 4 }), "target"),
+      trails && tour.length && sign((into) => draw(into, "polyline", { class: "trail tour", points: "-5,0 5,0" }),
+        `path of the ${beside.by} agent, ${beside.length} steps; that of ${by} has ${length}`),
+      learned && sign(line("learned", ahead), "played move, the most probable"),
+      side && policy && sign(line("optimal", ahead), "optimal moves"),
+      side && policy && sign(line("learned", arrow(0, 0, [0, 0], 0, 0)), "waits"),
+      learned && side.optimal && sign(line("differs", "M-4 -4h8v8h-8z"), "not optimal"),
+      side && values && side.values && make("span", { class: "sign" }, scale(side.low.toFixed(1), side.high.toFixed(1)), " steps until capture"),
+    ].filter(Boolean);
   }
 
   words(frame) {

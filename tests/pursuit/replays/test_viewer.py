@@ -365,6 +365,18 @@ def test_bids_are_cards_and_probabilities_bars(browser: Any, tmp_path: Path) -> 
     widths = [bar.evaluate("bar => bar.getBoundingClientRect().width") for bar in bars]
     shares = np.stack([state["choices"][0][which] for which in ("played", "best")], axis=1)
     assert widths == pytest.approx((48 * shares).ravel().tolist(), abs=0.6)
+    board = "new GameBoard(document.createElement('div'), {agents: []})"
+    parse = f"text => {board}.pictureOf(text.split('\\n')) !== null"
+    for text, is_drawn in (
+        ("+-----+\n| . A |\n| . . |\n+-----+", True),
+        ("+---+\n|   |\n+---+", False),  # not a grid of marks
+        ("+-----+\n| A B |\n|   C |\n+-----+", False),
+        ("+---+", False),
+        ("<G...T>\n1 2", False),
+        ("field #.A.#", True),
+        ("only words", False),
+    ):
+        assert sheet.tab.evaluate(parse, text) == is_drawn, text
     sheet.close()
 
 
@@ -428,6 +440,12 @@ def test_values_and_moves_are_the_exact_ones(browser: Any, tmp_path: Path) -> No
         sheet.tab.evaluate(f"window.pursuit.side = {number}; window.pursuit.show()")
         other = sheet.state()["cells"][1 - number]
         texts = sheet.tab.locator(".labels text").all_text_contents()
+        own = sheet.state()["cells"][number]  # the bars of its next move
+        rows = sheet.tab.locator(".side table").nth(1).locator("tr").all_inner_texts()[1:]
+        bars = np.array([re.findall(r"[\d.]+", row) for row in rows], dtype=float) / 100.0
+        assert bars[:, 0] == pytest.approx(table[own, other], abs=0.003)
+        best = exact.optimal[own, other]
+        assert bars[:, 1] == pytest.approx(best / best.sum(), abs=6e-4)
         arrows = sheet.tab.evaluate(f"window.pursuit.sides()[{number}].arrowsAt({other})")
         for cell in range(maze.num_cells):
             if cell == other:
