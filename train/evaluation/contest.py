@@ -474,7 +474,8 @@ class GameContest(MazeContest):
             assert isinstance(response, BestResponse)
             lost = values_between(task, self.role, tables, task.max_steps).values - response.values
             starts = np.nonzero(random_starts(task.mazes[0], task.min_start_distance))
-            cells, lost = starts[self.seat], lost[starts]
+            cells: NDArray[Any] = starts[self.seat]
+            lost = lost[starts]
         elif is_single_runner(task):
             cells, lost = self.starts().positions[:, self.seat], self.play(policy)[0] - best
         else:
