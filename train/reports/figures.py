@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from io import StringIO
 from pathlib import Path
 from textwrap import fill
 from types import ModuleType
@@ -33,10 +32,6 @@ UNITS = ("frames", "seconds")
 # Okabe and Ito's palette: distinct for colour-blind readers, and in print.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#000000")
 BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, GREY, BLACK = PALETTE
-IN_DARK_MODE = (
-    "@media (prefers-color-scheme: dark) { svg > g { filter: invert(.88) hue-rotate(180deg) } }"
-)
-"""The style of figures in pages; hues stay."""
 KINK = 0.1
 """Gaps below this number of per cent are on the linear part of the axis."""
 LABEL_WIDTH = 24
@@ -187,15 +182,13 @@ def save(figure: Figure, path: Path, also: str | None = None, dpi: int = 130) ->
 
 
 def _write_svg(canvas: FigureCanvasSVG, path: Path) -> None:
-    """A picture without background, in light colours where the page around it is dark."""
-    drawn = StringIO()
+    """A picture without background, which has that of the page."""
     patches = [canvas.figure.patch, *(axis.patch for axis in canvas.figure.axes)]
     for patch in patches:
         patch.set_visible(False)
-    canvas.print_svg(drawn, metadata={"Date": None})
+    canvas.print_svg(path, metadata={"Date": None})
     for patch in patches:
         patch.set_visible(True)
-    path.write_text(drawn.getvalue().replace("</style>", f"{IN_DARK_MODE}</style>", 1), "utf-8")
 
 
 # -- intervals -------------------------------------------------------------------------------------
