@@ -25,6 +25,7 @@ from pursuit.replays.viewer.data import Builder
 from pursuit.replays.viewer.page import page
 from train.commands.demo import with_overlay
 from train.evaluation.contest import GameContest
+from train.evaluation.recordings import add_compared
 from train.play.server import SCRIPTS, state_of
 from train.play.setup import session_of
 from train.runs.folder import RUN
@@ -139,9 +140,8 @@ def main() -> None:
     contest: Any = contest_of(settings.task, EPISODES, SEED)
     builder = Builder()
     names = {f"episode {number + 1}": number for number in range(EPISODES)}
-    contest.add_episodes(builder, policy, names, f"PPO after {FRAMES:,} frames")
-    switched_on = {"values": True, "policy": True}
-    data = {**builder.data(TITLE), "shown": switched_on, "playing": True}
+    add_compared(builder, contest, policy, names, f"PPO after {FRAMES:,} frames")
+    data = builder.data(TITLE)
     VIEWER.parent.mkdir(exist_ok=True)
     VIEWER.write_text(json.dumps(data, separators=(",", ":")) + "\n", encoding="utf-8")
 
