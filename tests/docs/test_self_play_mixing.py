@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Any
 
 import pytest
-from analyses import DATA, script, text_of
+from analyses import DATA, RESULTS, script, text_of
 
 from train.experiments.committed import grouped
 from train.experiments.recorded import read_recorded
@@ -62,16 +62,15 @@ def test_the_answer_follows_from_the_rows() -> None:
     behind = [game for game in above if logs[game] >= 0.0]
     least, most = (100 * end(share[game] for game in above) for end in (min, max))
     assert f"in {len(above) - len(behind)} of {len(above)} fully observed zero-sum games" in page
-    assert f"with {least:.0f} to {most:.0f} % mixing" in page
+    assert f"with a mixed share of {least:.0f} to {most:.0f} %" in page
     values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix, about)}
     ratio, low, high = values["PPO / MMD, games above 5 %"]
-    assert f"It ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
+    assert f"PPO ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
     exchanged = read_recorded(DATA / "self_play_entropy" / "runs.csv").values()
     ppo, small, large, mmd = (row["above 5 %"] for row in analysis.by_bonus(own, [*exchanged]))
-    assert (
-        f"the NashConv of PPO there by {ppo / small:.2f}, and that of MMD by {large / mmd:.2f}"
-        in page
-    )
+    assert f"PPO is still nearer ({ppo:.2f} against {large:.2f} % of the range)" in page
+    index = (RESULTS / "index.md").read_text(encoding="utf-8")
+    assert f"multiplies that of PPO by {ppo / small:.2f}, that of MMD by {large / mmd:.2f}" in index
     slope, low, high = analysis.bootstrapped(logs, share)
     assert f"negative: {slope:.1f}, 95 % interval {low:.1f} to {high:.1f}." in page
     assert (
