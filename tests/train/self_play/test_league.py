@@ -231,7 +231,7 @@ def test_evaders_that_are_never_caught_are_reported(
     assert content["ranks_mean_nothing"] == ["chaser"]
     assert [row[2] for row in content["out_of_time"]] == [1.0, 1.0, 1.0]
     page = (tmp_path / "open" / "report.html").read_text(encoding="utf-8")
-    assert page.count('src="data:image/png;base64,') == 1 and "<h1>League on 5x5</h1>" in page
+    assert page.count('src="data:image/svg+xml;base64,') == 1 and "<h1>League on 5x5</h1>" in page
     for text in ("Payoffs", "Elo [95 %]", "never caught by any chaser here", "Command"):
         assert text in page
     main([*entries, str(tmp_path / "tree"), "--maze", "5x5-tree"])
