@@ -77,10 +77,12 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to notebooks lead to their pages, and those to files beside docs/ to theirs.
 
-    The search lists guides and tutorials before the many entries of the API.
+    The search lists guides and tutorials before the many entries of the API and of results.
     """
     if page.file.src_uri.startswith(("guides/", "tutorials/")):
         page.meta["search"] = {"boost": 4}
+    elif page.file.src_uri.startswith("results/"):
+        page.meta["search"] = {"boost": 0.5}
     for name, page in FROM_THE_ROOT.items():
         markdown = markdown.replace(f"](../../{name}", f"](../{page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)

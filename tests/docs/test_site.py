@@ -40,7 +40,7 @@ def test_a_page_asks_nothing_of_the_network_and_its_search_finds(name: str, brow
     [
         ("quick start", "tutorials/first_run"),
         ("learning rate", "guides/"),
-        ("wandb", "guides/"),
+        ("wandb", "tutorials/continue"),
         ("SLURM", "guides/sweeps"),
         ("hyperparameters", "guides/"),
         ("callback", ""),
