@@ -39,10 +39,11 @@ lint: $(SETUP)
 	$(BIN)/lint-imports
 
 # The site, in half a minute; a link, an anchor or a name that does not exist is an error. Then the
-# pages are tested: examples, commands, tables and numbers; the site is opened in a browser if there is one.
+# pages are tested: examples, commands, tables and numbers; long sentences are listed; the site is opened in a browser if there is one.
 docs: $(SETUP)
 	$(PIP) '.[docs]'
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	$(BIN)/python tools/long_sentences.py
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/docs
 	@echo "open build/docs/index.html"
 

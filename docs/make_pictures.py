@@ -1,10 +1,11 @@
 """The pictures of the environments' pages: scripted agents at play, from fixed seeds.
 
-python docs/make_pictures.py      # writes docs/environments/*.gif and docs/favicon.png
+python docs/make_pictures.py      # writes docs/environments/*.png, *.gif and docs/favicon.png
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,18 +28,21 @@ DOCS = Path(__file__).parent
 FOLDER = DOCS / "environments"
 
 
-def play(name: str, policies: dict[str, Policy], seed: int, most: int, **settings: object) -> None:
-    """One game of a task, `most` steps of it, as docs/environments/NAME.gif."""
+def play(name: str, policies: dict[str, Policy], seed: int, steps: int, **settings: object) -> None:
+    """The state of a game of a task after `steps` steps, with the ways of its agents, as
+    docs/environments/NAME.png."""
     task = pursuit.make_task(name, **settings)
     simulator = pursuit.Simulator(task, seed=seed, auto_restart=False)
     by_seat = [policies[role] for role in task.seat_roles]
     actions = np.zeros((1, task.num_agents), dtype=np.int32)
-    scenes = [scene_of(simulator)]
-    while not simulator.ended[0] and len(scenes) <= most:
+    cells = [simulator.positions[0].copy()]
+    for _ in range(steps):
         simulator.act(by_seat, actions)
         simulator.step(actions)
-        scenes.append(scene_of(simulator))
-    save_animation(FOLDER / f"{name}.gif", [*scenes, *scenes[-1:] * 4], fps=3)
+        cells.append(simulator.positions[0].copy())
+    trails = tuple(map(tuple, np.transpose(cells).tolist()))
+    picture = replace(scene_of(simulator), trails=trails).picture(size=280)
+    picture.quantize(64).save(FOLDER / f"{name}.png", optimize=True)
 
 
 def move_arm(seed: int) -> None:
@@ -68,10 +72,10 @@ def draw_icon() -> None:
 if __name__ == "__main__":
     FOLDER.mkdir(exist_ok=True)
     hunt: dict[str, Policy] = {"chaser": AStarChaser(0.1), "evader": AStarEvader(0.2)}
-    play("chase", hunt, 4, 40, maze="7x7", num_chasers=2)
-    play("maze", {"runner": TourRunner()}, 1, 60, maze="7x7", num_goals=5)
-    play("race", {"runner": NearestGoalRunner(0.1)}, 2, 60, maze="7x7", num_goals=6)
-    play("heist", {"chaser": AStarChaser(0.1), "evader": NearestGoalRunner(0.1)}, 7, 40, maze="7x7")
-    play("escape", hunt, 9, 40, maze="7x7", num_chasers=2, num_evaders=2)
+    play("chase", hunt, 7, 4, maze="7x7", num_chasers=2)
+    play("maze", {"runner": TourRunner()}, 5, 7, maze="7x7", num_goals=5)
+    play("race", {"runner": NearestGoalRunner(0.1)}, 2, 4, maze="7x7", num_goals=6)
+    play("heist", {"chaser": AStarChaser(0.1), "evader": NearestGoalRunner(0.1)}, 2, 4, maze="7x7")
+    play("escape", hunt, 6, 4, maze="7x7", num_chasers=2, num_evaders=2)
     move_arm(3)
     draw_icon()

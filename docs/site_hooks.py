@@ -32,8 +32,11 @@ def on_files(files: Files, config: Any) -> Files:
     for notebook in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
         add_notebook(notebook, files, config)
     sys.path.insert(0, str(ROOT / "docs"))
+    import live_pages
     import reference_pages
 
+    for name, make in (("viewer", live_pages.viewer_page), ("play", live_pages.play_page)):
+        files.append(File.generated(config, f"live/{name}.html", content=make()))
     for name, make in (
         ("command_line", reference_pages.command_line),
         ("settings", reference_pages.settings),
@@ -42,8 +45,15 @@ def on_files(files: Files, config: Any) -> Files:
     return files
 
 
+LIVE = """
+[Open a trained chaser in the viewer](live/viewer.html){ .md-button .md-button--primary }
+[Play against the evader yourself](live/play.html){ .md-button }
+"""
+
+
 def in_the_site(text: str) -> str:
     """A text of the repository's root with its links as the site has them."""
+    text = text.replace("<!-- live pages -->", LIVE)
     text = text.replace("](docs/", "](").replace('src="docs/', 'src="')
     for name, page in FROM_THE_ROOT.items():
         text = re.sub(rf"\]\({re.escape(name)}(#[\w-]+)?\)", rf"]({page}\1)", text)
@@ -67,10 +77,12 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to notebooks lead to their pages, and those to files beside docs/ to theirs.
 
-    The search lists guides and tutorials before the many entries of the API.
+    The search lists guides and tutorials before the many entries of the API and of results.
     """
     if page.file.src_uri.startswith(("guides/", "tutorials/")):
         page.meta["search"] = {"boost": 4}
+    elif page.file.src_uri.startswith("results/"):
+        page.meta["search"] = {"boost": 0.5}
     for name, page in FROM_THE_ROOT.items():
         markdown = markdown.replace(f"](../../{name}", f"](../{page}")
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)

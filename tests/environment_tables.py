@@ -1,5 +1,5 @@
-"""The tables of the pages of environments, of the API and of exact solutions, made of the code:
-signatures, docstrings, spaces, rewards, names, references, limits.
+"""The tables of the pages of environments, rules, the API and exact solutions, made of the code:
+signatures, docstrings, spaces, rewards, options, names, references, limits.
 
     PYTHONPATH=. python tests/environment_tables.py      # writes them anew into docs/
 
@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields
 from enum import Enum
 from importlib import import_module
 from inspect import Parameter, getdoc, signature
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +25,9 @@ import pursuit
 from pursuit.environments.parallel import PursuitParallelEnv
 from pursuit.environments.single_agent import SingleAgentVectorEnv
 from pursuit.observations.observations import ENCODINGS, Encoder
-from pursuit.reacher import observations as arm_observations
 from pursuit.reacher.parallel_env import ReacherParallelEnv
-from pursuit.tasks.rewards import REWARD_SCHEMES, Rewards
+from pursuit.tasks.options import CAPTURE_CHECKS, CAPTURES, COLLISIONS, MOVE_ORDERS
+from pursuit.tasks.rewards import REWARD_SCHEMES, ROLES, Rewards
 from scripted_agents import environments
 from scripted_agents.exact import limits as limits_module
 from scripted_agents.exact.references import ARMS, MAZES, SMALL_GAMES
@@ -48,8 +47,7 @@ GYMNASIUM = {
 
 def pages() -> list[str]:
     """The pages that hold tables."""
-    found = [page for folder in ("environments", "api") for page in (DOCS / folder).glob("*.md")]
-    found.append(DOCS / "explanation" / "exact.md")
+    found = [page for page in DOCS.rglob("*.md") if PLACE.search(page.read_text(encoding="utf-8"))]
     return sorted(str(page.relative_to(ROOT)) for page in found)
 
 
@@ -120,14 +118,60 @@ def _default(field: Any) -> Any:
     return None if field.default is MISSING else field.default
 
 
-def argument_rows(given: dict[str, Any], texts: dict[str, str]) -> str:
-    """Every argument with its default and what its docstring says."""
+def argument_rows(given: dict[str, Any], texts: dict[str, str], of_rules: Sequence[str]) -> str:
+    """Every argument with its default and what its docstring says; those of one text in one row.
+    What another page defines has a link; the options of the rules have one row."""
     silent = [name for name in given if not texts.get(name)]
     assert not silent, f"no docstring describes {silent}; add them to an `Args:` section"
-    return rows(
-        ("argument", "default", "meaning"),
-        [(f"`{name}`", f"`{plain(value)}`", texts[name]) for name, value in given.items()],
-    )
+    texts = {**texts, **LINKED}
+    texts |= dict.fromkeys(of_rules, f"[options of the rules]({RULES}#options).")
+    by_text: dict[str, list[str]] = {}
+    for name in given:
+        by_text.setdefault(texts[name], []).append(name)
+    body = []
+    for text, names in by_text.items():
+        defaults = [] if names[0] in of_rules else [f"`{plain(given[name])}`" for name in names]
+        body.append((", ".join(f"`{name}`" for name in names), ", ".join(defaults), text))
+    return rows(("argument", "default", "meaning"), body)
+
+
+RULES = "../explanation/rules.md"
+LINKED = {
+    "rewards": "a [name](mazes.md#rewards), a dict from role to `Rewards`, or [your own]"
+    "(../guides/own_parts.md#rewards)."
+}
+"""Arguments that another page describes."""
+
+
+def _others(values: tuple[str, ...]) -> str:
+    return ", ".join(f"`{value!r}`" for value in values[1:]).replace("'", '"')
+
+
+OPTIONS = {
+    ("start", "min_start_distance"): ("starts", '`"marks"`; a number of moves'),
+    ("move_order",): ("a-step", _others(MOVE_ORDERS)),
+    ("capture", "n_catch"): ("captures", f"{_others(CAPTURES)}; a number of chasers"),
+    ("capture_check",): ("a-step", _others(CAPTURE_CHECKS)),
+    ("exits", "num_exits"): ("exits", "cells, by default the marks `E`; a number that is drawn"),
+    ("collisions",): ("collisions", _others(COLLISIONS)),
+    ("slip",): ("slips", "a probability, of all agents or by role or agent"),
+}
+"""The options of the rules, with their section of the page of rules and their other values."""
+OF_RULES = [name for names in OPTIONS for name in names]
+
+
+def options(_: str) -> str:
+    """The options of the rules, with their defaults."""
+    common = settings_of(pursuit.make_task("chase"))
+    body = [
+        (
+            f"[{', '.join(f'`{name}`' for name in names)}](#{section})",
+            ", ".join(f"`{plain(common[name])}`" for name in names),
+            others,
+        )
+        for names, (section, others) in OPTIONS.items()
+    ]
+    return rows(("option", "default", "other values"), body)
 
 
 def given_by(name: str) -> dict[str, Any]:
@@ -138,9 +182,9 @@ def given_by(name: str) -> dict[str, Any]:
 
 def arguments(name: str) -> str:
     """Of `parallel_env`."""
-    arm = (ReacherParallelEnv, pursuit.ReacherTask)
-    sources = arm if name == "reacher" else (PursuitParallelEnv, pursuit.Task)
-    return argument_rows(given_by(name), described(*sources))
+    if name == "reacher":
+        return argument_rows(given_by(name), described(ReacherParallelEnv, pursuit.ReacherTask), ())
+    return argument_rows(given_by(name), described(PursuitParallelEnv, pursuit.Task), OF_RULES)
 
 
 def gymnasium_arguments(name: str) -> str:
@@ -152,42 +196,97 @@ def gymnasium_arguments(name: str) -> str:
     )
     common = given_by(name)
     own = {key: value for key, value in own_parameters(*made).items() if key not in common}
-    return argument_rows(own, described(*made, SingleAgentVectorEnv))
+    return argument_rows(own, described(*made, SingleAgentVectorEnv), ())
 
 
 # -- spaces and rewards ----------------------------------------------------------------------------
 
 
 def facts(name: str) -> str:
-    """Ids, agents and spaces, of the environment as it is by default."""
+    """Ids, agents and spaces, of the environment as it is by default; of tasks in mazes, whose
+    actions and state are on the page of environments, rewards, end and reference."""
     env = module_of(name).parallel_env()
-    ids = ", ".join(f'`gymnasium.make("pursuit/{i}-v0")`' for i in GYMNASIUM[name])
+    ids = [f"`pursuit/{i}-v0`" for i in GYMNASIUM[name]]
     agent = env.possible_agents[0]
+    more = [
+        ("Actions", f"`{space(env.action_space(agent))}`"),
+        ("State", f"`{space(env.state_space)}`"),
+    ]
+    if name in ENDS:
+        terminated, compared, reference = ENDS[name]
+        end = f"truncated after {env.task.max_steps} steps"
+        more = [
+            ("Rewards", paid_by_default(env.task)),
+            ("Ends", f"terminated when {terminated}, {end}"),
+            ("Compared by", compared),
+            ("Reference", reference),
+            *([("Defaults", differing)] if (differing := differences(env.task)) else []),
+        ]
     return rows(
         ("", "by default"),
         [
             ("PettingZoo", f"`from pursuit import {name}_v0`; id `pursuit/{name}-v0`"),
-            ("Gymnasium", ids),
+            ("Gymnasium", ", ".join(ids)),
             ("Agents", ", ".join(f"`{agent}`" for agent in env.possible_agents)),
-            ("Actions", f"`{space(env.action_space(agent))}`"),
             (
                 "Observation",
                 f'`observation="{env.observation}"`: `{space(env.observation_space(agent))}`',
             ),
-            ("State", f"`{space(env.state_space)}`"),
-            ("Ends", f"truncated after {env.task.max_steps} steps"),
-            *([("Defaults", differing)] if (differing := differences(env.task)) else []),
+            *more,
         ],
     )
 
 
-def differences(task: Any) -> str:
+_SMALL = "in small games (such as 5x5 with 3 goals)"
+_ELSE = "in larger ones that of the best scripted agent"
+ENDS = {
+    "chase": (
+        "no evader is left",
+        "mean steps; for chasers fewer is better, for evaders more",
+        "duels exact: the best response to any policy that depends on the two cells, and the value "
+        "of the game; teams exact while they fit ([limits](../reference/exact_limits.md))",
+    ),
+    "maze": (
+        "no goal is left",
+        "mean steps",
+        f"exact up to {limits_module.MAX_EXACT_GOALS} goals: the shortest tour "
+        "(Held and Karp, 1962)",
+    ),
+    "race": (
+        "no goal is left, for all",
+        "mean number of goals",
+        f"{_SMALL} exact: the largest number of goals against these rivals, {_ELSE}",
+    ),
+    "heist": (
+        "no evader or no goal is left",
+        "mean return",
+        f"{_SMALL} exact: the highest return, {_ELSE}",
+    ),
+    "escape": (
+        "no evader is left",
+        "captures minus escapes",
+        "in small games [exact](../explanation/exact.md#the-escape-value): P(capture) - P(escape) "
+        "of given policies, of best responses, and in NashConv",
+    ),
+}
+"""When a task in a maze terminates, by what agents are compared, and with what."""
+
+
+def paid_by_default(task: pursuit.Task) -> str:
+    """The rewards of a task: their name, or coefficients by role."""
+    given: Any = task.rewards
+    if isinstance(given, str):
+        return f"`{plain(given)}`"
+    own = "; ".join(f"{role}: {coefficients(paid)}" for role, paid in given.items())
+    return f"{own}; other roles as `{plain(pursuit.Task.rewards)}`"
+
+
+def differences(task: pursuit.Task) -> str:
     """The settings of a task whose defaults are not those of chase."""
-    if not isinstance(task, pursuit.Task):
-        return ""
-    common = settings_of(pursuit.make_task("chase"))
-    given = settings_of(task)
-    return ", ".join(f"`{n}={plain(v)}`" for n, v in given.items() if v != common[n])
+    common, given = settings_of(pursuit.make_task("chase")), settings_of(task)
+    return ", ".join(
+        f"`{n}={plain(v)}`" for n, v in given.items() if n != "rewards" and v != common[n]
+    )
 
 
 def space(given: gymnasium.Space[Any]) -> str:
@@ -198,26 +297,10 @@ def space(given: gymnasium.Space[Any]) -> str:
     return str(given)
 
 
-def observations(name: str) -> str:
-    """Every encoding, its space by default, and what it is."""
-    if name == "reacher":
-        texts = dict(ARM_TEXTS)
-        found = [
-            (each, arm_observations.space_of(pursuit.ReacherTask(), each))
-            for each in arm_observations.ENCODINGS
-        ]
-    else:
-        texts = dict(_bullets(Encoder.__doc__ or ""))
-        found = [(each, Encoder(pursuit.make_task(name), each).space) for each in ENCODINGS]
-    body = [(f'`"{each}"`', f"`{space(box)}`", texts[each]) for each, box in found]
-    return rows(("encoding", "space by default", "what it is"), body)
-
-
-ARM_TEXTS = {
-    "positions": "1 where the tip is in reach, else 0; x and y of the base and of the end of every "
-    "link, relative to the target",
-    "positions_angles": "the same, and the angles after that",
-}
+def observations(_: str) -> str:
+    """Every encoding and what it is."""
+    texts = dict(_bullets(Encoder.__doc__ or ""))
+    return rows(("encoding", "what it is"), [(f'`"{each}"`', texts[each]) for each in ENCODINGS])
 
 
 def _bullets(text: str) -> Iterator[tuple[str, str]]:
@@ -226,25 +309,26 @@ def _bullets(text: str) -> Iterator[tuple[str, str]]:
         yield name.strip('"'), " ".join(said.split())
 
 
-def rewards(name: str) -> str:
-    """What the roles of a task are paid, by scheme; without coefficients that are 0 in all rows."""
-    task = pursuit.make_task(name)
-    found = []
-    for role in dict.fromkeys(task.seat_roles):
-        schemes = {scheme: by_role[role] for scheme, by_role in REWARD_SCHEMES.items()}
-        if not isinstance(task.rewards, str):
-            schemes = {f"{name}'s own (default)": task.role_rewards[role], **schemes}
-        for scheme, paid in schemes.items():
-            mark = " (default)" if scheme == task.rewards else ""
-            found.append((role, scheme + mark, paid))
-    names = [f.name for f in fields(Rewards) if f.name not in ("on_completion", "per_evader")]
-    names = [each for each in names if any(getattr(paid, each) for _, _, paid in found)]
-    body = []
-    for role, scheme, paid in found:
-        when = "at the end" if paid.on_completion else "at the event"
-        when = "per evader" if paid.per_evader else when
-        body.append((role, scheme, *(f"{getattr(paid, each):g}" for each in names), when))
-    return rows(("role", "`rewards`", *names, "events paid"), body)
+def rewards(_: str) -> str:
+    """The coefficients of every scheme by role, without those that are 0."""
+    return rows(
+        ("`rewards`", *ROLES),
+        [
+            (f"`{scheme}`", *(coefficients(by_role[role]) for role in ROLES))
+            for scheme, by_role in REWARD_SCHEMES.items()
+        ],
+    )
+
+
+def coefficients(paid: Rewards) -> str:
+    """Those that are not 0, and when they are paid."""
+    flags = [f"`{f.name}`" for f in fields(paid) if getattr(paid, f.name) is True]
+    given = [
+        f"{f.name} {value:g}"
+        for f in fields(paid)
+        if (value := getattr(paid, f.name)) and value is not True
+    ]
+    return ", ".join([*given, *flags])
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -266,36 +350,121 @@ def names(package: str) -> str:
 
 # -- exact solutions -------------------------------------------------------------------------------
 
+SOLVERS = {
+    "tour": "`shortest_tour`",
+    "duel": "`best_response`, `evaluate_exactly`",
+    "team": "`best_team_response`, `evaluate_team`",
+    "joint": "`solve_joint`, `evaluate_joint`",
+    "bounds": "`solve_hidden_chase`",
+    "small_game": "`respond`, `nash_conv`, `equilibrium`",
+    "arm": "`least_steps`",
+}
+"""By kind of solver, its functions for users."""
 
-def references(_: str) -> str:
-    """With what an agent is compared, by kind: two sentences of a docstring, with the limits."""
+SIZES = (
+    (("chase", "5x5", 2, 1, 0), "a second"),
+    (("chase", "7x7", 2, 1, 0), "seconds"),
+    (("race", "5x5", 0, 0, 3), "15 seconds"),
+    (("chase", "5x5", 3, 1, 0), "half a minute"),
+    (("chase", "4x4", 4, 1, 0), "two minutes"),
+)
+"""Games (task, maze, chasers, evaders, goals), and about how long their solution takes."""
+
+LIMITS = (
+    ("joint solvers", "MAX_STATES states", "play episodes"),
+    (
+        "`solve_joint_game`",
+        "MAX_GAME_STATES states (minutes), discount MAX_DISCOUNT",
+        "a smaller game or discount",
+    ),
+    ("`enumerate_game`", "MAX_SMALL_STATES states, or entries of a list", "`most_states`"),
+    ("`game_of_task`, `game_of_sides`", "MAX_TASK_STATES states", "joint solvers"),
+    ("`expected_tour_length`", "MAX_ENUMERATED_PLACEMENTS placements", "it samples"),
+    ("`least_steps`", "MAX_ARM_NODES nodes (0.2 seconds)", "a lower bound"),
+    ("`alpha_rank`", "MAX_PROFILES rows × columns", "fewer strategies"),
+    ("duels", "MAX_DUEL_ENTRIES cells × rows × columns", "remove blocked rows and columns"),
+    (
+        "self-play: NashConv of a team against one evader",
+        "work MAX_EXACT_WORK; at the end, and payoffs in leagues, MAX_FINAL_WORK",
+        "a trained response, a lower bound",
+    ),
+    ("self-play: value of a duel", "MAX_GAME_CELLS cells (minutes)", "NashConv alone"),
+    ("self-play: mixtures, diversity of snapshots", "MAX_SNAPSHOT_CELLS cells", "left out"),
+    (
+        "runs: interval under a limited view",
+        "SEARCH_SECONDS seconds, or upper / lower - 1 = SEARCH_WIDTH",
+        "the interval so far",
+    ),
+    (
+        "runs: [objective gap](../explanation/objectives.md)",
+        "duels MAX_OBJECTIVE_CELLS cells; one runner MAX_TOUR_WORK (goal set, next goal, cell), "
+        "MAX_TOUR_BYTES; others work MAX_OBJECTIVE_WORK (15 seconds)",
+        "left out",
+    ),
+    ("curricula: least steps of the arm", "MAX_CURRICULUM_JOINTS joints", "unknown"),
+    (
+        "memory",
+        "`solve_chase` MAX_CHASE_BYTES (team agents `equilibrium` MAX_TEAM_BYTES), "
+        "`solve_in_turns` MAX_TURN_BYTES, joint values MAX_STATE_BYTES, transitions "
+        "MAX_STORE_BYTES",
+        "a smaller game",
+    ),
+    ("a plan for every step", "MAX_PLAN_BYTES", "the first step's plan in all"),
+)
+"""Further limits: of what, how much, and what happens or is to be done above."""
+
+
+def with_numbers(text: str) -> str:
+    """A text in which the names of limits are replaced by their values."""
+
+    def value(name: re.Match[str]) -> str:
+        number = getattr(limits_module, name[0])
+        return f"{number / 1e9:g} GB" if name[0].endswith("_BYTES") else f"{number:,}"
+
+    return re.sub(LIMIT, value, text)
+
+
+LIMIT = r"\b(?:MAX|SEARCH|SOLVED)_[A-Z_]+\b"
+
+
+def sentences(function: Callable[..., Any]) -> list[str]:
+    """Those of a docstring."""
+    return " ".join((getdoc(function) or "").split()).removesuffix(".").split(". ")
+
+
+def solvers(_: str) -> str:
+    """What is solved, by pairs of sentences of docstrings, and the functions."""
     body = []
     for solver in (*MAZES, *SMALL_GAMES, *ARMS):
-        text = " ".join((getdoc(solver.why_not) or "").split())
-        text = re.sub(r"MAX_\w+", lambda name: f"{getattr(limits_module, name[0]):,}", text)
-        game, compared = text.removesuffix(".").split(". ")[:2]
-        body.append((f"`{solver.kind}`", game, compared))
+        said = sentences(solver.why_not)
+        for game, compared in zip(said[::2], said[1::2], strict=True):
+            body.append((game, SOLVERS[solver.kind], compared))
     bound = "A bound, where one is known: the optimum with full view, or with continuous actions"
-    body.append(("`none`", "Everything else", f"{bound}; otherwise the best scripted agent."))
-    return rows(
-        ("kind", "game", "compared with"), [[cell.rstrip(".") for cell in row] for row in body]
-    )
+    body.append(("Everything else", "–", f"{bound}; otherwise the best scripted agent"))
+    return with_numbers(rows(("game and size", "solvers", "results are compared with"), body))
+
+
+def sizes(_: str) -> str:
+    """The work of some games."""
+    body = []
+    for (task, maze, chasers, evaders, goals), seconds in SIZES:
+        team = {"num_chasers": chasers, "num_evaders": evaders} if evaders else {"num_goals": goals}
+        work = limits_module.work_of(pursuit.make_task(task, maze=maze, **team))
+        who = f"{chasers} against {evaders}" if evaders else f"2 runners, {goals} goals"
+        body.append((f"{task} {maze}, {who}", f"{work:,}", seconds))
+    return rows(("game", "work", "solved in"), body)
 
 
 def limits(_: str) -> str:
-    """Every constant of `exact/limits.py`, its value, and the text that follows it there."""
-    text = Path(limits_module.__file__).read_text(encoding="utf-8")
-    body = []
-    for line, said in pairwise(ast.parse(text).body):
-        if isinstance(line, ast.Assign) and isinstance(said, ast.Expr):
-            (target,) = line.targets
-            found = target.elts if isinstance(target, ast.Tuple) else [target]
-            known = [part.id for part in found if isinstance(part, ast.Name)]
-            values = [getattr(limits_module, name) for name in known]
-            meaning = " ".join(ast.literal_eval(said.value).split())
-            shown = ", ".join(f"{value:,}" for value in values)
-            body.append((", ".join(f"`{name}`" for name in known), shown, meaning))
-    return rows(("limit", "value", "of what"), body)
+    """Every other constant of `exact/limits.py`."""
+    tree = ast.parse(Path(limits_module.__file__).read_text(encoding="utf-8"))
+    assigned = [line.targets[0] for line in tree.body if isinstance(line, ast.Assign)]
+    names = {part.id for each in assigned for part in ast.walk(each) if isinstance(part, ast.Name)}
+    texts = [getdoc(solver.why_not) or "" for solver in MAZES]
+    texts += [cell for row in LIMITS for cell in row]
+    silent = names - {"REMEDY", *re.findall(LIMIT, " ".join(texts))}
+    assert not silent, f"the page of limits does not name {silent}; add them to LIMITS"
+    return with_numbers(rows(("of", "up to", "above it"), [*LIMITS]))
 
 
 TABLES: dict[str, Callable[[str], str]] = {
@@ -304,8 +473,10 @@ TABLES: dict[str, Callable[[str], str]] = {
     "gymnasium": gymnasium_arguments,
     "observations": observations,
     "rewards": rewards,
+    "options": options,
     "names": names,
-    "references": references,
+    "solvers": solvers,
+    "sizes": sizes,
     "limits": limits,
 }
 

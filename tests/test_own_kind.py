@@ -1,4 +1,4 @@
-"""A kind of games of one's own, `own_parts/line_game.py`, by every command."""
+"""A kind of games of one's own, `docs/guides/examples/line_game.py`, by every command."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from train.runs.worlds import task_world_of
 from train.self_play.parts import game_of_all, self_play_settings_of
 
 ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "docs" / "guides" / "examples"
 TASK = "line_game:FAMILY"
 QUICK: dict[str, Any] = {"task": TASK, "num_games": 32, "minibatch_size": 256, "max_steps": 8}
 SHORT: dict[str, Any] = {**QUICK, "frames": 1024, "rollout_steps": 8}
@@ -31,7 +32,7 @@ SHORT: dict[str, Any] = {**QUICK, "frames": 1024, "rollout_steps": 8}
 
 @pytest.fixture(autouse=True)
 def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "tests" / "own_parts"))
+    monkeypatch.syspath_prepend(str(EXAMPLES))
     allow("line_game")
 
 
@@ -226,7 +227,7 @@ def test_files_cannot_name_a_kind_of_games_of_a_module_that_is_not_allowed(
 
 
 def test_the_example_is_short() -> None:
-    text = (ROOT / "tests" / "own_parts" / "line_game.py").read_text()
+    text = (EXAMPLES / "line_game.py").read_text()
     assert sum(map(bool, map(str.strip, text.splitlines()))) <= 200
 
 

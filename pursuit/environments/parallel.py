@@ -183,14 +183,11 @@ class PursuitParallelEnv(GameParallelEnv):
         task: the rules and settings.
         observation: one of `pursuit.observations.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
-        mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for the moves that
-            change its cell and for staying; all 1 once it is captured or its game terminated, and
-            without `stay_action` where no move can change its cell. Many
-            libraries apply this mask automatically. Without `stay_action`, moving into a wall is
-            the only way to wait, so the mask forbids waiting (and warns). In turns
-            (`move_order="turns"`) there is always a mask; the side that waits can only stay.
-        mask_in_observation: observations are {"observation", "action_mask"}, as many libraries
-            expect; without `mask_bumps` the masks are all 1.
+        mask_bumps: the info of each agent holds "action_mask", [actions] int8: 1 for staying and
+            for the moves that change its cell; all 1 where there are none, once it is captured, and
+            once its game terminated. Without `stay_action` it forbids waiting, a move into a wall.
+        mask_in_observation: observations are {"observation", "action_mask"}; without `mask_bumps`
+            the masks are all 1.
         observation_dtype: "uint8" for planes, windows, "one_hot"; None for that of the encoding.
 
     Raises:

@@ -58,11 +58,11 @@ class Encoder:
       EXIT; of graphs [cells].
     - "walls": uint8 [2*height + 1, 2*width + 1]: the same codes, with the walls between the cells.
     - "planes": float32 [10, height, width] of 0 and 1, named in PLANES.
-    - "window": float32 [10, 2R+1, 2R+1]: the planes around the agent, whatever the size of the
-      maze; cells outside it are blocked. "window:4" sets R = 4. "window" uses the largest view
-      radius of the task or, without one, the smallest R that always shows the whole maze.
-    - "index": int32 [entities + 1]: the indices of the ones of "one_hot" (for absent entities its
-      size, a padding row). An embedding bag that sums rows then equals a matrix times "one_hot".
+    - "window": float32 [10, 2R+1, 2R+1]: the planes around the agent; cells outside the maze are
+      blocked. "window:4" sets R = 4. "window" uses the largest view radius of the task or, without
+      one, the smallest R that always shows the whole maze.
+    - "index": int32 [entities + 1]: the indices of the ones of "one_hot", for an embedding bag; of
+      absent entities its size, a padding row.
 
     With the suffix "+id" (such as "index+id"), an observation ends with the number of the agent
     among those of its role, as a one of k numbers or k planes, where k is the number of agents of

@@ -22,7 +22,7 @@ class ReacherParallelEnv(GameParallelEnv):
         task: the task.
         observation: one of `pursuit.reacher.observations.ENCODINGS`.
         render_mode: None, "ansi", "rgb_array" or "human".
-        own_number: whether observations include the one-hot vector of the own joint.
+        own_number: whether observations end with the one-hot vector of the own joint.
 
     Raises:
         ValueError: an unknown observation or render mode.

@@ -45,9 +45,8 @@ class ReacherTask:
 
     Args:
         joints: 1 to 8.
-        start: the first pose of an episode: "kept" is the last pose of the previous episode (random
-            for the first episode), "random" draws every angle uniformly, "fixed" is straight along
-            the x-axis.
+        start: the first pose of an episode: "kept", the last one of the previous episode (at first
+            random); "random", every angle uniform; "fixed", straight along the x-axis.
         hold: consecutive steps with the tip in reach that end the episode.
         tolerance: the tip is in reach within this distance of the target.
         max_steps: episodes are truncated after this many steps.

@@ -91,9 +91,8 @@ class Task:
     """Rules and settings of one game. Immutable, hashable, and validated when it is created.
 
     Args:
-        maze: the name of a shipped maze, a path, a `Maze`, a suite ("suite:7x7-train"; see
-            `pursuit.load_suite`), or a list of these. Of several mazes, each game draws one at
-            every reset.
+        maze: the name of a shipped maze, a path, a `Maze`, a suite ("suite:7x7-train"), or a list
+            of these. Of several mazes, each game draws one at every reset.
         num_chasers, num_evaders, num_runners: the number of agents of each role.
         num_goals: the number of goals. Runners and evaders collect them.
         max_steps: an episode is truncated after this many steps.
@@ -123,14 +122,14 @@ class Task:
         slip: the probability that a move, stay included, is replaced by a uniformly random one of
             the moves that change the cell: a number, a dict from roles or agents, or the same as
             text ("evader=0.1").
-        rewards: a name ("goal", "completion", "distance", "zero_sum" or "win_loss"; "pursuit_v5" or
-            "pursuit_v5_local", `PursuitV5Rewards` with and without sharing); a dict from role to
-            `Rewards` (roles left out use "goal"); the same as text
-            ("chaser.step=-0.1,evader.capture=-2"; without a role for all roles); or a custom reward
-            function or its name "package.module:Name" (see `pursuit.tasks.rewards.RewardFunction`).
+        rewards: a name ("goal", "completion", "distance", "zero_sum", "win_loss", "pursuit_v5", or
+            "pursuit_v5_local" without sharing); a dict from role to `Rewards` (roles left out use
+            "goal"); the same as text ("chaser.step=-0.1,evader.capture=-2"; without a role for all
+            roles); or a custom function or its name "package.module:Name" (see
+            `pursuit.tasks.rewards.RewardFunction`).
         view_radius: the path distance up to which an agent sees: None (no limit), a number, a dict
             ({"chaser": 2, "evader_0": None}; an agent's entry overrides its role's), or the same as
-            text ("2", "chaser=2,evader_0=3"). What is out of view is absent from the observation.
+            text ("chaser=2,evader_0=3"). What is out of view is absent from the observation.
         line_of_sight: the agents that see only along their row and column, up to the next wall
             (and up to `view_radius`): True for all, a list of roles or agents, or the same as text
             ("chaser").

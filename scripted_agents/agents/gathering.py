@@ -44,21 +44,28 @@ SIDES = (NORTH, EAST, SOUTH, WEST)
 class GatheringTeam(Scripted):
     """Chasers that gather and then move as one formation; each sees only a window around itself.
 
-    A chaser knows the maze, its number, its cell, and the chasers and free evaders in the window of
-    `obs_range` x `obs_range` cells around it, walls or not. It has no memory and breaks no ties at
-    random.
+    With probability epsilon a chaser makes a random move. Else chaser i knows the maze, i, its
+    cell, and the chasers and free evaders in the window of `obs_range` x `obs_range` cells around
+    it, walls or not. It has no memory. Ties are broken by the order of actions, not at random. It
+    heads for
 
-    1. If it does not see all chasers, it heads for the gathering cell.
-    2. If it does, it knows which evaders all of them see. The target is the one with the least sum
-       of path distances of the chasers, of equal ones that in the first cell. With the capture rule
-       "surround" chaser i heads for side i mod 4 of it (north, east, south, west), or for the
-       nearest open side if that one is closed; fewer than four chasers share the open sides.
-       With other rules all head for its cell.
-    3. If all see no evader, the team patrols along a closed walk, so that each cell is in the
-       window of a cell of the walk: the centre of the team heads for the cell of the walk after the
-       one nearest to it. Where the walk visits a cell twice, as in dead ends, the centre heads for
-       the cell whose turn it is by the steps of the episode instead. With "surround" chaser i is at
-       side i mod 4 of the centre, else all are in it.
+    1. the gathering cell, while it does not see all chasers.
+    2. Else for an evader that all chasers see: the one with the least sum of path distances of all
+       chasers, of several that in the first cell. With the capture rule "surround" the distance of
+       chaser i, and its way, is to side i mod 4 of the evader (north, east, south, west); for a
+       closed side the distance is to the evader, and the way to the nearest open side, of several
+       the first from side i + 1 + 2 (i // 4) on. Of fewer than four chasers, i goes to open side i
+       modulo the number of open sides. With other rules all go to the cell of the evader.
+    3. Without such an evader the team patrols: the centre of the team (its mean row and column,
+       rounded to the nearest, halves up; the own cell, if that is no cell) heads for a cell of
+       `closed_walk`, and chaser i for side i mod 4 of where that step leads with "surround" (a
+       closed side: there), else for where it leads. That cell is the one after the nearest of the
+       walk (of several the first). If the walk visits a cell twice, as in dead ends, it is cell
+       number t of the walk (modulo its length, from 0) after t steps of the episode.
+
+    The gathering cell is the first of the walk, and each cell is in the window of a cell of the
+    walk. Where a chaser cannot come nearer it stays, or without the stay action makes the first
+    move into a wall, or its first move.
 
     As all move alike, an evader one move from the centre of eight chasers is captured by all eight
     in the next step. A formation of "surround" needs an `obs_range` of 5 or more, and chasers that

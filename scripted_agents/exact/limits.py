@@ -1,7 +1,7 @@
 """Every limit of exactness: the sizes up to which games are solved, and the reasons above them.
 
 The solvers of `references` say what is solved exactly; these are the numbers that they use, and
-those of the solutions. docs/explanation/exact.md holds a table of this file.
+those of the solutions. docs/reference/exact_limits.md holds tables of them.
 """
 
 from __future__ import annotations

@@ -89,7 +89,8 @@ class Solver:
     Attributes:
         kind: its name.
         why_not: (question) -> the reason why it does not solve that; None if it does. Its docstring
-            says what it solves, and with what an agent is compared (docs/explanation/exact.md).
+            says what it solves, and with what an agent is compared: pairs of sentences, rows of
+            docs/reference/exact_limits.md.
         exact: whether it gives the value itself, not bounds.
     """
 
@@ -165,7 +166,7 @@ def reference_of(
 
 def _why_no_tour(asked: Question) -> str | None:
     """One runner without other agents, up to MAX_EXACT_GOALS goals, in any mazes. Exact: the
-    shortest tours, in steps."""
+    shortest tours."""
     if not is_single_runner(asked.task):
         return "not one runner alone"
     return asked.hidden or why_no_tour(asked.task.num_goals)
@@ -173,8 +174,8 @@ def _why_no_tour(asked: Question) -> str | None:
 
 def _why_no_duel(asked: Question) -> str | None:
     """One chaser and one evader without goals at random starts in mazes of up to MAX_EXACT_CELLS
-    cells, the opponent a table over both cells. Exact: the best response, the mean steps over all
-    starts."""
+    cells (SOLVED_MAZES mazes of a suite, evenly spaced), the opponent a table over both cells.
+    Exact: the best response, mean steps over all starts."""
     task, others = asked.task, asked.fixed
     by_maze = asked.by_maze and len(task.mazes) > 1
     tables = is_solvable(task, *others) if by_maze else is_table_duel(task, *others)
@@ -191,12 +192,11 @@ def _why_no_bounds(asked: Question) -> str | None:
 
 
 def _why_no_team(asked: Question) -> str | None:
-    """Several chasers and one evader without goals at random starts in one maze, or a duel with
-    options of the rules, policies with known distributions, work of up to MAX_EXACT_WORK; with
-    exits or turns in final results MAX_FINAL_WORK. Exact: the best response of the agent, the mean
-    over all starts, in steps; with exits in captures - escapes. The same for a whole team that
-    learns, against any number of evaders or chasers; in final results up to MAX_TEAM_WORK. Exact:
-    its best response as one player."""
+    """Several chasers and one evader without goals, or a duel with options of the rules, at random
+    starts, work MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the
+    best response of the agent, mean steps over all starts; with exits captures - escapes. A whole
+    team that learns, against any number of evaders or chasers, work as above; in final results
+    MAX_TEAM_WORK. Exact: its best response as one player."""
     task, policies, most = asked.task, asked.policies, asked.most_work
     if asked.team:
         return f"{task.num_goals} goal(s)" if task.num_goals else _why_no_joint(asked)
@@ -208,10 +208,9 @@ def _why_no_team(asked: Question) -> str | None:
 
 
 def _why_no_joint(asked: Question) -> str | None:
-    """Any other game in one maze, policies with known distributions, work of up to MAX_WORK; in
-    final results, `pursuit evaluate` and `pursuit baseline` MAX_EVALUATED_WORK. Exact: the best
-    response of the agent from the starts of the evaluation, in steps; in a race in goals, in a
-    heist in return, with exits in captures - escapes."""
+    """Any other game, work MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
+    MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the evaluation, in
+    steps; races in goals, heists in return, with exits captures - escapes."""
     task, seats = asked.task, asked.seats
     hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
     if hidden is not None or is_single_runner(task):

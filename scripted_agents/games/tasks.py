@@ -36,9 +36,11 @@ CAPTURED = -1
 
 
 def states_of_games(games: Games) -> list[tuple[tuple[int, ...], ...]]:
-    """The states of `game_of_task` that games are in: the cell of every agent, -1 for captured and
-    escaped evaders, the cells of the goals that are left, in order, and in games with exits those
-    of the exits."""
+    """The states of `game_of_task` that games are in.
+
+    Each has the cell of every agent, -1 for captured and escaped evaders, the cells of the goals
+    that are left, in order, and in games with exits those of the exits.
+    """
     cells = np.where(games.active != 0, games.position, CAPTURED).tolist()
     parts = [games.goal, games.exit] if games.exit.shape[1] else [games.goal]
     places = [[tuple(sorted({*row} - {-1})) for row in part.tolist()] for part in parts]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from math import exp, log
 from pathlib import Path
@@ -9,7 +10,7 @@ from statistics import fmean, geometric_mean, median
 from typing import Any
 
 import pytest
-from analyses import DATA, RESULTS, script
+from analyses import DATA, RESULTS, script, text_of
 
 from train.experiments.statistics import sign_flip_p
 from train.files import write_csv
@@ -28,9 +29,23 @@ def studies() -> Any:
 
 
 def test_the_page_says_which_ablations_have_not_ended() -> None:
-    first = PAGE.read_text(encoding="utf-8").partition("**Question.**")[0]
+    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    said = " ".join(re.findall(r"[^.]*\bnot ended\b[^.]*\.", page))
     for name in analysis.STUDIES:
-        assert (f"`{name}`" in first) == (name not in studies()), name
+        assert (f"`{name}`" in said) == (name not in studies()), name
+
+
+def test_ratios_and_ps_of_the_page_stand_in_its_tables_or_beside_the_rows() -> None:
+    """What is said in short on the page, of which the README has the checked statements."""
+    page = PAGE.read_text(encoding="utf-8")
+    prose = " ".join(re.sub(r"^\|.*$", "", page, flags=re.MULTILINE).split())
+    known = [*analysis.tables(DATA / "curricula").values()]
+    known.append((DATA / "curricula" / "README.md").read_text(encoding="utf-8"))
+    said = re.findall(r"\b\d+\.\d+(?: \[[^\]]+\])?(?= times| there| in the|,| \()", prose)
+    said += re.findall(r"p = [\d.]+\d", prose)
+    assert len(said) >= 12
+    for number in said:
+        assert any(number in text for text in known), number
 
 
 def row_of(name: str, variant: Row, maze: str, seed: int, frames: int, gap: float) -> Row:
@@ -81,7 +96,7 @@ def test_ratios_are_paired_by_maze(tmp_path: Path) -> None:
 
 
 def test_what_the_answers_say_of_the_runs() -> None:
-    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    page = " ".join(text_of("curricula").split())
 
     def ratios(name: str, variant: str, column: str) -> list[tuple[float, Row]]:
         """To the control, and the run, by maze."""
@@ -135,7 +150,7 @@ def test_learnability_of_mazes_paired_by_seed() -> None:
         name: [row["shortfall"] for row in sorted(rows, key=lambda row: row["seed"])]
         for name, rows in runs.items()
     }
-    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    page = " ".join(text_of("curricula").split())
 
     def logs(variant: str) -> list[float]:
         return [log(a / b) for a, b in zip(gaps[variant], gaps["none"], strict=True)]

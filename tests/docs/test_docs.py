@@ -2,7 +2,8 @@
 
 The Python blocks of a page run in order, in one namespace, in a folder of their own. A block that
 begins with `# NAME.py` is that file instead, which the blocks and commands of the page may import;
-further blocks of the same name are added to it. A page whose examples take long says so in a
+further blocks of the same name are added to it. Files in `examples/` that a page links are there
+too. A page whose examples take long says so in a
 comment, `<!-- slow: why -->`, and is left to `make test-all` and `make docs`.
 """
 
@@ -48,6 +49,7 @@ OPTIONAL = {"stable_baselines3", "sb3_contrib", "supersuit", "ray", "pygame", "i
             "benchmarl", "agilerl", "tianshou"}  # fmt: skip
 FENCE = re.compile(r"^```([\w-]*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FILE = re.compile(r"# (\w+\.py)\n")
+LINKED = re.compile(r"\]\((examples/\w+\.py)\)")
 TOML_FILE = re.compile(r"# (\w+\.toml)\n")
 
 
@@ -64,8 +66,11 @@ def blocks(page: str, *languages: str) -> list[str]:
 
 
 def files_of(page: str) -> dict[str, str]:
-    """The files that a page writes, by name."""
+    """The files that a page writes, or links in `examples/`, by name."""
     found: dict[str, list[str]] = {}
+    for linked in LINKED.findall(TEXTS[page]):
+        file = (ROOT / page).parent / linked
+        found[file.name] = [file.read_text(encoding="utf-8")]
     for code in blocks(page, "python"):
         if named := FILE.match(code):
             found.setdefault(named[1], []).append(code)
@@ -162,7 +167,7 @@ def test_a_tutorial_runs_from_top_to_bottom(page: str, folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",
-    [f"docs/guides/own_{name}.md" for name in ("parts", "kinds", "network", "opponents")],
+    [f"docs/guides/own_{name}.md" for name in ("parts", "games")],
 )
 def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None:
     written(page, folder)
@@ -177,10 +182,14 @@ def test_the_commands_of_own_parts_run_in_order(page: str, folder: Path) -> None
             parts._allowed.clear()
 
 
-def test_the_game_on_a_line_is_that_of_the_tests() -> None:
-    shown = files_of("docs/guides/own_kinds.md")["line_game.py"].replace("# line_game.py\n", "")
-    real = (ROOT / "tests" / "own_parts" / "line_game.py").read_text(encoding="utf-8")
-    assert shown.split() == real.split()
+@pytest.mark.parametrize(
+    "example", sorted((DOCS / "guides" / "examples").glob("*.py")), ids=lambda file: file.stem
+)
+def test_an_example_is_linked_by_one_guide_and_runs(example: Path, folder: Path) -> None:
+    [page] = [page for page in PAGES if f"](examples/{example.name})" in PAGES[page]]
+    if page not in ELSEWHERE:
+        written(page, folder)
+        import_module(example.stem)
 
 
 # -- commands --------------------------------------------------------------------------------------
@@ -317,9 +326,10 @@ def test_the_tables_of_an_environment_are_those_of_the_code(page: str) -> None:
 
 
 def test_every_file_of_data_is_named() -> None:
-    text = PAGES["docs/results/index.md"]
-    for file in sorted((DOCS / "results" / "data").rglob("*.csv")):
-        assert f"({file.relative_to(DOCS / 'results')})" in text, file
+    folder = DOCS / "results" / "data"
+    text = PAGES["docs/results/data/README.md"]
+    for file in sorted(folder.rglob("*.csv")):
+        assert f"({file.relative_to(folder)})" in text, file
 
 
 @pytest.mark.parametrize("package", ["pursuit", "scripted_agents", "curricula", "train"])

@@ -7,7 +7,8 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "guides" / "installation.md").read_text(encoding="utf-8")
+GUIDE = (ROOT / "docs" / "guides" / "installation.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `(\w+)` \| [\d.]+ \| [\d.]+ \| (.*?) \|", re.MULTILINE)
 MODULES = {"pillow": "PIL"}
 """Modules that have another name than their project."""
@@ -26,6 +27,7 @@ def test_the_table_lists_the_dependencies() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     names = [re.split(r"[><=]", each)[0] for each in project["dependencies"]]
     assert [row[0] for row in ROW.findall(PAGE)] == names
+    assert f"`pyproject.toml` lists {len(names)}," in GUIDE
 
 
 def test_those_who_import_a_dependency_do() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from analyses import DATA, RESULTS, script, tables_of
+from analyses import DATA, PAGES, RESULTS, measured, readme_of, script, tables_of, text_of
 from matplotlib.image import imread
 
 from pursuit.mazes.maze import load_maze
@@ -22,20 +22,14 @@ from train.reports.tables import plain_text
 from train.runs.parts import contest_of
 from train.settings.task import ReacherSettings
 
-PAGES = {"reacher_bars": "arm", "small_budgets": "hyperparameters"}
-"""The pages of studies whose names are not those of their pages."""
 ANALYSES = [path.parent.name for path in sorted(DATA.glob("*/analysis.py"))]
-OTHERS = {"thesis": 1, "arm": 1, "curricula": 1, "teams": 1}
+STUDIES = {path.stem for path in RESULTS.glob("*.md")} - {"index"}
+"""The pages of results; a study without one has a README beside its rows."""
+OTHERS = {"thesis": 1, "arm": 1, "curricula": 1, "teams": 1, "index": 1}
 """By page the number of tables that a test here makes, or that hold no results."""
 NOT_KEPT = "Runs not kept"
 """What a page says of tables whose data are gone."""
 Row = dict[str, Any]
-
-
-def text_of(page: str) -> str:
-    """A page, with the further tables in the README beside its rows."""
-    parts = [RESULTS / f"{page}.md", DATA / page / "README.md"]
-    return "\n".join(path.read_text(encoding="utf-8") for path in parts if path.exists())
 
 
 @pytest.mark.parametrize("study", ANALYSES)
@@ -52,18 +46,19 @@ def test_the_front_page_has_the_table_of_its_runs() -> None:
     assert f"\n\n{table}\n\n" in readme
 
 
-@pytest.mark.parametrize("page", sorted({path.stem for path in RESULTS.glob("*.md")} - {"index"}))
+@pytest.mark.parametrize("page", sorted(STUDIES | {PAGES.get(study, study) for study in ANALYSES}))
 def test_a_page_says_which_runs_are_not_kept(page: str) -> None:
-    """Of a table that does not follow from data."""
-    text = text_of(page)
+    """Of a table that does not follow from data: where it says how it was measured, or in the
+    README."""
+    text, readme = text_of(page), readme_of(page)
+    said = measured(page) if page in STUDIES else ""
+    said += readme.read_text(encoding="utf-8") if readme.exists() else ""
     made = [tables_of(study) for study in ANALYSES if PAGES.get(study, study) == page]
     known = sum(map(len, made)) + OTHERS.get(page, 0)
-    assert (
-        known == len(re.findall(r"^\|[-|: ]+\|$", text, re.M)) or NOT_KEPT in text.split("\n\n")[1]
-    )
+    assert known == len(re.findall(r"^\|[-|: ]+\|$", text, re.M)) or NOT_KEPT in said
 
 
-@pytest.mark.parametrize("study", ["curricula", "self_play_mixing"])
+@pytest.mark.parametrize("study", [name for name in ANALYSES if hasattr(script(name), "figures")])
 def test_pictures_are_those_of_the_rows(study: str, tmp_path: Path) -> None:
     script(study).figures(DATA / study, tmp_path)
     drawn = sorted(tmp_path.glob("*.png"))

@@ -7,7 +7,7 @@ from statistics import fmean
 from typing import Any
 
 import pytest
-from analyses import DATA, RESULTS, script
+from analyses import DATA, RESULTS, script, text_of
 
 from train.experiments.committed import grouped
 from train.experiments.recorded import read_recorded
@@ -47,9 +47,6 @@ def rows() -> list[Row]:
     return found
 
 
-PAGE = RESULTS / "self_play_mixing.md"
-
-
 def test_all_judged_runs_have_rows() -> None:
     both = [analysis.judged(STUDY, matrix) for matrix in (False, True)]
     assert sum(map(len, both)) == 558 + 28
@@ -60,21 +57,20 @@ def test_the_answer_follows_from_the_rows() -> None:
     own, matrix = analysis.judged(STUDY), analysis.judged(STUDY, matrix=True)
     logs = analysis.ratios(analysis.logs_of(own, "ppo"), analysis.logs_of(own, "mmd"))
     share = analysis.shares(own)
-    page = " ".join(PAGE.read_text(encoding="utf-8").split())
+    page = " ".join(text_of("self_play_mixing").split())
     above = [game for game in logs if share[game] > 0.05]
     behind = [game for game in above if logs[game] >= 0.0]
     least, most = (100 * end(share[game] for game in above) for end in (min, max))
     assert f"in {len(above) - len(behind)} of {len(above)} fully observed zero-sum games" in page
-    assert f"with {least:.0f} to {most:.0f} % mixing" in page
+    assert f"with a mixed share of {least:.0f} to {most:.0f} %" in page
     values = {row["what"]: row["value"] for row in analysis.contrary(own, matrix, about)}
     ratio, low, high = values["PPO / MMD, games above 5 %"]
-    assert f"ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
+    assert f"PPO ends at {ratio:.2f} [{low:.2f}, {high:.2f}] times the NashConv of MMD" in page
     exchanged = read_recorded(DATA / "self_play_entropy" / "runs.csv").values()
     ppo, small, large, mmd = (row["above 5 %"] for row in analysis.by_bonus(own, [*exchanged]))
-    assert (
-        f"the NashConv of PPO there by {ppo / small:.2f}, and that of MMD by {large / mmd:.2f}"
-        in page
-    )
+    assert f"PPO is still nearer ({ppo:.2f} against {large:.2f} % of the range)" in page
+    index = (RESULTS / "index.md").read_text(encoding="utf-8")
+    assert f"multiplies that of PPO by {ppo / small:.2f}, that of MMD by {large / mmd:.2f}" in index
     slope, low, high = analysis.bootstrapped(logs, share)
     assert f"negative: {slope:.1f}, 95 % interval {low:.1f} to {high:.1f}." in page
     assert (

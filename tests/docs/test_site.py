@@ -16,7 +16,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(
-    "name", ["index", "environments/chase", "api/pursuit", "notebooks/self_play"]
+    "name", ["index", "environments/mazes", "api/pursuit", "notebooks/self_play"]
 )
 def test_a_page_asks_nothing_of_the_network_and_its_search_finds(name: str, browser: Any) -> None:
     page = browser.new_page()
@@ -36,10 +36,21 @@ def test_a_page_asks_nothing_of_the_network_and_its_search_finds(name: str, brow
 
 
 @pytest.mark.parametrize(
-    "term",
-    ["hyperparameters", "callback", "custom environment", "evaluate", "save", "load"],
+    ("term", "first"),
+    [
+        ("quick start", "tutorials/first_run"),
+        ("learning rate", "guides/"),
+        ("wandb", "tutorials/continue"),
+        ("SLURM", "guides/sweeps"),
+        ("hyperparameters", "guides/"),
+        ("callback", ""),
+        ("custom environment", ""),
+        ("evaluate", ""),
+        ("save", ""),
+        ("load", ""),
+    ],
 )
-def test_the_search_finds_what_users_of_other_libraries_look_for(term: str, browser: Any) -> None:
+def test_the_search_finds_what_users_look_for(term: str, first: str, browser: Any) -> None:
     page = browser.new_page()
     page.goto((SITE / "index.html").as_uri())
     page.keyboard.press("f")
@@ -47,4 +58,23 @@ def test_the_search_finds_what_users_of_other_libraries_look_for(term: str, brow
     page.locator(".md-search-result__item").first.wait_for()
     links = page.locator(".md-search-result__link").evaluate_all("all => all.map(a => a.href)")
     page.close()
-    assert any(part in links[0] for part in ("guides/", "tutorials/", "environments/"))
+    parts = (first,) if first else ("guides/", "tutorials/", "environments/")
+    assert any(part in links[0] for part in parts), links[:3]
+
+
+def test_a_chase_can_be_played_to_its_end(browser: Any) -> None:
+    """The rules stand in tables: the capture ends it, and the optimum is shown."""
+    page = browser.new_page()
+    wrong: list[str] = []
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.goto((SITE / "live" / "play.html").as_uri())
+    keys = ("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft")
+    for step in range(201):
+        if page.locator(".result table").count():
+            break
+        page.keyboard.press(keys[step * step // 3 % 4])
+    assert "steps in expectation" in page.inner_text(".result")
+    page.keyboard.press("n")
+    assert "game 2, step 0" in page.inner_text("[role=status]")
+    page.close()
+    assert not wrong

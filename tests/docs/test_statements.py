@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from itertools import permutations, product
 from math import exp, log
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, median
 
 import pytest
-from analyses import DATA, script, tables_of
+from analyses import DATA, HEADINGS, measured, readme_of, script, sections_of, tables_of
 from scipy.stats import binomtest, mannwhitneyu
 
 from pursuit.mazes.maze import load_maze
@@ -33,7 +33,9 @@ from train.settings.algorithms import HYPERPARAMETERS
 from train.settings.curricula import CURRICULA
 
 DOCS = Path(__file__).parents[2] / "docs"
-RESULTS = [page for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+RESULTS = [page.stem for page in sorted((DOCS / "results").glob("*.md")) if page.stem != "index"]
+OTHER_FORM = {"speed", "front_page"}
+"""Pages that are lists of values."""
 REBASED = {"ec846a222f051d2d205b61bb0ee11373eac8a9c7"}
 """Commits of rows that a rebase has replaced, as the page of the rows says."""
 
@@ -44,8 +46,12 @@ def data(name: str) -> list[dict[str, str]]:
 
 
 def text_of(page: str) -> str:
-    """The text of a page on one line."""
-    return " ".join((DOCS / page).read_text(encoding="utf-8").split())
+    """The text of a page on one line, of results with the README beside their rows."""
+    paths = [DOCS / page, readme_of(Path(page).stem)]
+    if not page.startswith("results/"):
+        paths.pop()
+    texts = [path.read_text(encoding="utf-8") for path in paths if path.exists()]
+    return " ".join(" ".join(texts).split())
 
 
 def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
@@ -64,14 +70,28 @@ def exact_p(ours: Sequence[float], theirs: Sequence[float]) -> float:
     return sum(apart(split) >= given - 1e-9 for split in splits) / len(splits)
 
 
-@pytest.mark.parametrize("page", RESULTS, ids=lambda page: page.stem)
-def test_a_results_page_says_first_what_it_rests_on(page: Path) -> None:
-    title, empty, first = page.read_text(encoding="utf-8").split("\n")[:3]
-    assert title.startswith("# ") and not empty and first.startswith("*Rests on: ")
-    lines = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-    assert re.search(r"commit|version|recipe", lines)
-    if page.stem != "speed":
-        assert (re.search(r"seeds?|run", lines) and "defaults" in lines) or "settings" in lines
+@pytest.mark.parametrize("page", RESULTS)
+def test_a_results_page_says_what_it_rests_on(page: str) -> None:
+    said = measured(page).lower()
+    assert re.search(r"commit|version|recipe", said)
+    if page != "speed":
+        assert (re.search(r"seeds?|run", said) and "defaults" in said) or "settings" in said
+
+
+@pytest.mark.parametrize("page", [page for page in RESULTS if page not in OTHER_FORM])
+def test_a_results_page_has_the_answer_first_and_four_sections(page: str) -> None:
+    """What is longer stands in the README beside the rows."""
+    text = (DOCS / "results" / f"{page}.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == [*HEADINGS]
+    title, empty, answer = text.split("\n")[:3]
+    assert title.startswith("# ") and not empty and re.match(r"\w", answer)
+    assert all(section.strip() for section in sections_of(page).values())
+    lines = text.splitlines()
+    prose = " ".join(line for line in lines if not line.startswith("|")).split()
+    assert len(prose) <= 600, f"{len(prose)} words without tables"
+    tables = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    assert len(tables) <= 2
+    assert all(table.count("\n") <= 2 + 10 for table in tables)  # two lines are the head
 
 
 def test_commits_that_results_rest_on_are_in_the_history() -> None:
@@ -83,9 +103,8 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
         pytest.skip("needs the whole history")
     commits = {*git("rev-list", "HEAD").split()}
     for page in RESULTS:
-        first = page.read_text(encoding="utf-8").partition("\n\n")[2].partition("\n\n")[0]
-        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7}\b", first):
-            assert any(each.startswith(short) for each in commits | REBASED), (page.name, short)
+        for short in re.findall(r"\b(?=\w*\d)[0-9a-f]{7,12}\b", measured(page)):
+            assert any(each.startswith(short) for each in commits | REBASED), (page, short)
     for table in sorted(DATA.rglob("*.csv")):
         own = {row["commit"] for row in read_csv(table) if row.get("commit")}
         assert own - REBASED <= commits, table
@@ -93,7 +112,7 @@ def test_commits_that_results_rest_on_are_in_the_history() -> None:
 
 def test_how_many_curricula_there_are() -> None:
     controls = {"none", "uniform", "reversed", "shuffled"}
-    said = text_of("../README.md")
+    said = text_of("explanation/comparison.md")
     assert f"{len({*CURRICULA} - controls)} curricula, {len(controls)} controls" in said
     assert controls < {*CURRICULA}
 
@@ -125,7 +144,7 @@ def test_most_games_of_the_methods_study_have_no_mixed_state() -> None:
         if solve_chase(load_suite(suite)[number], discount=0.95).mixed.any()
     ]
     assert mixed == ["5x5-test 001", "5x5-test 002", "7x7-test 002"]
-    said = text_of("results/self_play_mixing.md")
+    said = text_of("results/data/self-play-methods/README.md")
     assert f"{20 - len(mixed)} of the 20 games have no state" in said
     assert "5x5-test 001 and 002 and 7x7-test 002 have some" in said
 
@@ -249,6 +268,7 @@ def test_places_of_ours_in_frames_are_those_of_the_runs() -> None:
     assert (min(one_goal), max(one_goal), len(one_goal)) == (2, 4, 6)
     said = f"first in {first} of 18 comparisons, with one goal second to fourth of four in all six"
     assert said in text_of("results/libraries.md") and said in text_of("results/index.md")
+    assert said.partition(",")[0] in text_of("explanation/comparison.md")
 
 
 def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
@@ -272,6 +292,25 @@ def test_under_which_rules_mappo_is_nearer_than_ippo() -> None:
     assert f"takes {exp(ratio('seconds', *rules)):.1f} times the processor seconds" in said
 
 
+def test_the_ratio_of_mappo_to_ippo_in_the_study_of_critics_and_layers() -> None:
+    teams = script("teams")
+    units = teams.cells_in(DATA / "teams")["steps"]
+    ratio = teams.ratio_with_interval([teams.mappo_against_ippo(unit) for unit in units])
+    said = "{:.2f} [{:.2f}, {:.2f}] times".format(*ratio)
+    assert f"MAPPO has {said} the gap of IPPO" in text_of("results/teams.md")
+    assert f"its gap is {said} that of IPPO" in text_of("results/index.md")
+
+
+def test_the_gap_rises_where_imitation_ends() -> None:
+    rows = [row for row in data("imitation/runs") if row["variant"] == "optimal"]
+    curves = [[float(gap) for gap in row["curve"].split()] for row in rows]
+    assert {len(curve) for curve in curves} == {20}  # in even distances, up to 300,000 frames
+    early, after, end = (100 * median(curve[place] for curve in curves) for place in (3, 7, 19))
+    said = text_of("results/imitation.md")
+    assert f"median gap was {early:.1f} % after 60,000 frames, {after:.1f} % after 120,000" in said
+    assert f"and {end:.1f} % after 300,000" in said
+
+
 def test_files_of_tests_that_texts_name_exist() -> None:
     root = Path(__file__).parents[2]
     listed = subprocess.run(
@@ -291,6 +330,16 @@ def test_docstrings_name_every_task() -> None:
 
 
 def test_every_learner_has_a_row_of_its_speed() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "results" / "speed.md").read_text(encoding="utf-8")
-    rows = set(re.findall(r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)", page, re.MULTILINE))
-    assert rows >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    further = (DATA / "speed" / "README.md").read_text(encoding="utf-8")
+    row = r"^\| (\w+) \| (?:maze|chaser|arm|team|self-play)[^|]+\| [\d,]+ \| ([\d,]+) \|"
+    speeds: dict[str, list[int]] = {}
+    for name, speed in re.findall(row, further, re.MULTILINE):
+        speeds.setdefault(name, []).append(int(speed.replace(",", "")))
+    assert set(speeds) >= set(HYPERPARAMETERS) - {"tracked"}  # which does not learn
+    page = (DOCS / "results" / "speed.md").read_text(encoding="utf-8")
+    shown = set()
+    for names, ends in re.findall(r"^\| (`.+) \| ([\d,]+ to [\d,]+) \|$", page, re.MULTILINE):
+        own = [each for name in re.findall(r"`(\w+)`", names) for each in speeds[name]]
+        assert ends == f"{min(own):,} to {max(own):,}", names
+        shown |= {*re.findall(r"`(\w+)`", names)}
+    assert shown == set(speeds)

@@ -3,9 +3,9 @@
 python tools/benchmarks/bench_start.py [--turns 3] [--only chase]
 python tools/benchmarks/bench_start.py --against 501f81b
 
-Prints a table in Markdown, as in docs/results/speed.md: seconds of the processor, of a command with
-its children, and of the clock, medians. `--against` measures another version, a folder or a git
-revision, in turns with this one, and prints its seconds and the median of the ratios.
+Prints a table in Markdown, as in docs/results/data/speed/README.md: seconds of the processor, of a
+command with its children, and of the clock, medians. `--against` measures another version, a folder
+or a git revision, in turns with this one, and prints its seconds and the median of the ratios.
 """
 
 from __future__ import annotations

@@ -53,7 +53,9 @@ def page_of(maze: str, folder: Path) -> Path:
         if replay.episodes[0].length == 200:
             break
     builder = Builder()
-    builder.add(replay, Extras(sides=contest.sides(policy), seat="chaser_0", encoding="index"))
+    builder.add(
+        replay, Extras(overlays=contest.overlays(policy), seat="chaser_0", encoding="index")
+    )
     path = folder / f"{maze}.html"
     write_page(path, maze, [PLAYER_ELEMENT], builder.data(maze))
     return path
@@ -70,15 +72,17 @@ def main() -> None:
         for maze in ("5x5", "9x9", "15x15"):
             path = page_of(maze, Path(folder))
             size = f"{path.stat().st_size / 1e3:.0f} kB"
-            for keys in ("", "vpo"):
-                tab = browser.new_page(viewport={"width": 1200, "height": 900})
+            for keys in ("vp", "o"):  # values and policy are shown at first
+                tab = browser.new_page(
+                    viewport={"width": 1200, "height": 900}, reduced_motion="reduce"
+                )
                 tab.goto(path.as_uri())
                 for key in keys:
                     tab.keyboard.press(key)
                 times, drawing = tab.evaluate(SCRUB)
                 rate = 1000 * (len(times) - 1) / (times[-1] - times[0])
                 spent = float(np.mean(drawing))
-                name = f"{maze}, 200 steps" + (", all overlays" if keys else "")
+                name = f"{maze}, 200 steps" + (", all overlays" if keys == "o" else "")
                 print(f"{name:<28}{size:>9}{rate:>10.1f}{spent:>7.2f} ms{1000 / spent:>10.0f}")
                 tab.close()
         browser.close()

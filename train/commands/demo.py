@@ -52,6 +52,7 @@ def demo(arguments: Sequence[str]) -> None:
     from pursuit.tasks.task import make_task
     from scripted_agents import AStarEvader
     from train.evaluation.contest import GameContest
+    from train.evaluation.recordings import add_compared
 
     evader = AStarEvader(epsilon=0.2)
     task = make_task("chase", maze="9x9")
@@ -65,10 +66,8 @@ def demo(arguments: Sequence[str]) -> None:
     if path.suffix.lower() == ".html" and (out or has_screen()):
         builder = Builder()
         games = {f"episode {number + 1}": number for number in range(EPISODES)}
-        contest.add_episodes(builder, policy, games, "A* chaser")
-        shown: Any = {"values": True, "policy": True}
-        data = {**builder.data(TITLE), "shown": shown, "playing": True}
-        write_page(path, TITLE, [PLAYER_ELEMENT, TEXT], data)
+        add_compared(builder, contest, policy, games, "A* chaser")
+        write_page(path, TITLE, [PLAYER_ELEMENT, TEXT], builder.data(TITLE))
         print(f"page: {path}")
         if open_page(path.resolve().as_uri()) or out:
             return

@@ -81,13 +81,15 @@ def league(arguments: Sequence[str]) -> None:
     check(bool(given.entries), "no entries; give folders of runs, or astar, random, equilibrium")
     names, out = given.entries, given.out
     check_output_folder(out, lambda folder: (folder / LEAGUE).exists(), given.overwrite)
+    from pursuit.replays.viewer.data import Builder
     from train.machine import machine, versions  # torch is slow to import
-    from train.reports.pages import section, write_page
+    from train.reports.pages import PLAYER_ELEMENT, section, write_page
     from train.runs.folder import REPORT
     from train.runs.provenance import command_line
     from train.runs.report import made_with
     from train.self_play.league import enter, entries_name, play_league, rate
     from train.self_play.payoffs import (
+        add_notable_pairs,
         draw_league,
         page_parts,
         payoff_tables,
@@ -149,8 +151,10 @@ def league(arguments: Sequence[str]) -> None:
     print("".join(f"warning: {line}\n" for line in warnings), end="", file=sys.stderr)
     print("".join(f"{line}\n" for line in notes), end="")
     parts = [in_markdown(f"Payoffs: {head}."), *page_parts(figures, tables, [*warnings, *notes])]
+    add_notable_pairs(builder := Builder(), game, entered, table, content)
+    parts += section("Games of notable pairs", PLAYER_ELEMENT)
     made = section("Command", made_with(content["command"], content))
-    write_page(out / REPORT, title, [*parts, *made])
+    write_page(out / REPORT, title, [*parts, *made], builder.data(title))
     lock.release()
     print(f"report: {out / REPORT}\nfigures and tables: {out}")
 

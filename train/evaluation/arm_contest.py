@@ -139,9 +139,14 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         )
         return InverseKinematics()
 
+    @property
+    def best_name(self) -> str:
+        """As `Contest`: the policy that attains the proven upper bounds."""
+        return "optimal" if self.knows_least_steps else "least steps, as proved"
+
     def best_policy(self) -> ArmPolicy:
         """As `Contest`."""
-        check(not self.task.discrete_actions, "unknown for discrete actions: omit --optimal")
+        check(not self.task.discrete_actions, "unknown for discrete actions; omit --optimal")
         return LeastStepsPolicy()
 
     def optimal_policy(self) -> ArmPolicy:
@@ -199,7 +204,7 @@ class ArmContest(Contest[ArmPolicy, ReacherSimulator]):
         scores.append(self.score("thesis' inverse kinematics", ThesisInverseKinematics()))
         scores += known
         if known and self.bounds().share_exact < 1.0:
-            scores.append(self.score("least steps, as proved", LeastStepsPolicy()))
+            scores.append(self.score(self.best_name, LeastStepsPolicy()))
         return scores
 
     def reference(self, scores: Sequence[Score], learned: Score) -> Reference | None:

@@ -33,6 +33,7 @@ from scripted_agents import (
     why_not_team_chase,
 )
 from scripted_agents.environments import DEFAULTS
+from scripted_agents.exact.duel.best_response import random_starts
 from scripted_agents.exact.limits import (
     MAX_OBJECTIVE_CELLS,
     MAX_OBJECTIVE_WORK,
@@ -52,7 +53,7 @@ from scripted_agents.exact.references import (
 )
 from scripted_agents.exact.tours.tour import expected_tour_length, num_states
 from train.evaluation.departures import OUTCOME_REWARDS, rates_of
-from train.evaluation.games import Lengths, best_reply, half_width, table_in
+from train.evaluation.games import Lengths, best_reply, half_width, table_in, values_between
 from train.evaluation.hidden_contest import Certificate, bounds_in, discounted
 from train.evaluation.matchups import Matchup, exact_match
 from train.evaluation.maze_contest import SCRIPTED_TITLES, MazeContest
@@ -461,3 +462,24 @@ class GameContest(MazeContest):
         if self.is_limited or self.tours is None:
             return None
         return np.minimum(self.tours, self.task.max_steps).astype(np.float64)
+
+    def lost_by_start(self, policy: Policy) -> NDArray[np.float64] | None:
+        """As `Contest`: in duels of tables exact, the mean over the opponent's start cells; for a
+        runner alone over the starts of the evaluation."""
+        task, best = self.task, self.optimal_lengths()
+        if best is None or len(task.mazes) > 1 or not self.measure.by_steps:
+            return None
+        if self.is_exact_for(policy) and not self.is_limited:
+            tables, response = (table_in(task, policy), self.opponent_table()), self.best_in()
+            assert isinstance(response, BestResponse)
+            lost = values_between(task, self.role, tables, task.max_steps).values - response.values
+            starts = np.nonzero(random_starts(task.mazes[0], task.min_start_distance))
+            cells: NDArray[Any] = starts[self.seat]
+            lost = lost[starts]
+        elif is_single_runner(task):
+            cells, lost = self.starts().positions[:, self.seat], self.play(policy)[0] - best
+        else:
+            return None
+        lost, most = lost if self.measure.less_is_better else -lost, task.max_cells
+        with np.errstate(invalid="ignore"):
+            return np.bincount(cells, lost, most) / np.bincount(cells, minlength=most)

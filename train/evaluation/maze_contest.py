@@ -30,6 +30,7 @@ from train.evaluation.optimal_policy import DuelActions, OptimalActions, Optimal
 from train.evaluation.recordings import MOST_BOTH_CELLS, add_recorded
 from train.evaluation.scores import (
     BY_GOALS,
+    FULL_VIEW,
     Contest,
     FunctionActions,
     Measure,
@@ -134,6 +135,11 @@ class MazeContest(Contest[Policy, Simulator]):
     def is_limited(self) -> bool:
         """Whether the agent has a limited view, so that a best response is not its optimum."""
         return any(map(self.task.hides_from, self.seats))
+
+    @property
+    def best_name(self) -> str:
+        """As `Contest`."""
+        return f"optimal{FULL_VIEW}" if self.is_limited else "optimal"
 
     @property
     def limited(self) -> dict[str, Policy]:

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from pursuit.replays.recorder import Recorder
 from pursuit.replays.replay import Replay
 from pursuit.replays.viewer.data import Builder, Extras, Overlay
 from pursuit.rules.arrays import Reals
 from pursuit.tasks.task import Task
+from pursuit.validation import check
 from scripted_agents import action_values
 from train.evaluation.games import duel_role, order_of
 from train.evaluation.scores import Contest
@@ -56,6 +59,48 @@ def add_recorded(
     `Extras`."""
     replay = recorded(contest, policy, games, policy_name)
     builder.add(replay, Extras(names=list(games), **extras))
+    return replay
+
+
+def add_compared(
+    builder: Builder,
+    contest: Contest[Any, Any],
+    policy: Any,
+    games: Mapping[str, int],
+    policy_name: str,
+    encoding: str | None = None,
+    is_solved: bool = True,
+) -> Replay | None:
+    """Add episodes to a page as `Contest.add_episodes`, each with that of the optimal policy.
+
+    Both start in the same state, with the same random numbers. In items "by" names the policy,
+    "beside" is the other episode, "lost" the difference of their lengths in steps, above 0 where
+    the optimal policy is better (in measures other than steps it is left out), and "map" that of
+    `Contest.lost_by_start` where it is known. Without an optimal policy "alone" is the reason.
+
+    Args:
+        is_solved: whether the optimum was solved; else it is not solved again here.
+    """
+    first = len(builder.items)
+    replay = contest.add_episodes(builder, policy, games, policy_name, encoding)
+    items = builder.items[first:]
+    try:
+        check(is_solved, contest.why_no_optimum or "the optimal policy is not known")
+        best = contest.best_policy()
+    except ValueError as error:
+        for item in items:
+            item["alone"] = str(error).partition(";")[0]
+        return replay
+    other = Builder(worlds=builder.worlds)
+    contest.add_episodes(other, best, games, contest.best_name)
+    sign, lost = 1 if contest.measure.less_is_better else -1, contest.lost_by_start(policy)
+    for item, beside in zip(items, other.items, strict=True):
+        item |= {"by": policy_name, "beside": beside}
+        beside |= {"by": contest.best_name, "overlays": item.get("overlays", [])}
+        if contest.measure.by_steps:
+            item["lost"] = sign * (item["length"] - beside["length"])
+        if lost is not None:
+            item["map"] = [None if np.isnan(steps) else round(steps, 3) for steps in lost.tolist()]
     return replay
 
 

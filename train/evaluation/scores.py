@@ -419,6 +419,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     # -- policies ------------------------------------------------------------------------------
 
+    @property
+    def best_name(self) -> str:
+        """The name of `best_policy` on pages."""
+        return "optimal"
+
     def scripted(self) -> PolicyT:
         """The scripted policy of the agent; ValueError if there is none."""
         raise ValueError("this game has only learned policies; give the folder of a run")
@@ -557,6 +562,11 @@ class Contest(ABC, Generic[PolicyT, GamesT]):
 
     def optimal_lengths(self) -> NDArray[np.float64] | None:
         """[episodes] optimal length from each start; None if it is not known."""
+        return None
+
+    def lost_by_start(self, policy: PolicyT) -> NDArray[np.float64] | None:
+        """[cells] the mean steps that a policy loses to the optimum, by the start cell of the
+        agent; NaN where it never starts, None if this is not known."""
         return None
 
 

@@ -131,6 +131,7 @@ def draw_final(
     line: str,
     panels: Mapping[str, tuple[str, str, str]],
     how: Drawing,
+    note: str = "",
 ) -> None:
     """Values of a table with their intervals and single runs, one line per x or variant.
 
@@ -141,6 +142,7 @@ def draw_final(
         line: the column that names a line.
         panels: by label: the scale of the axis, the column of the value, and that of single runs.
         how: see `Drawing`.
+        note: text below the figure.
     """
     control = study.layout.control
     groups = list(dict.fromkeys(row.get("group") for row in table))
@@ -161,7 +163,7 @@ def draw_final(
             estimates.append(PlottedEstimate(str(row[line]), value, low, high, runs, shade, group))
         drawn[label] = (scale, estimates)
     words = str(study.x).replace("_", " ") if control is None else ""
-    draw_intervals(path, drawn, study.layout.title, words, how.also)
+    draw_intervals(path, drawn, study.layout.title, words, how.also, note)
 
 
 # -- ablations -------------------------------------------------------------------------------------

@@ -109,6 +109,10 @@ def distance_of(study: StudyRows) -> Distance | None:
     return MAZE_GAP if paired else None
 
 
+WIDEST = 1000.0
+"""The largest ratio of the ends of an interval that is given; wider ones say nothing."""
+
+
 def against_control(study: StudyRows) -> list[Row]:
     """A row for each variant: its results, its tests against the control, and the "verdict".
 
@@ -139,7 +143,8 @@ def against_control(study: StudyRows) -> list[Row]:
 
 
 def add_corrected(rows: list[Row], layout: Layout, names: dict[str, str]) -> None:
-    """Add p corrected for the number of variants, except that of the primary one, under new names.
+    """Add p corrected for the number of variants, except that of the primary one, under new names,
+    and correct "least_p", the least p that so many runs can give.
 
     Args:
         rows: of all variants.
@@ -147,6 +152,8 @@ def add_corrected(rows: list[Row], layout: Layout, names: dict[str, str]) -> Non
         names: the columns of p by the new ones.
     """
     others = [row for row in rows if row["variant"] not in (layout.control, layout.primary)]
+    for row in rows:
+        row["least_p"] *= 1 if row["variant"] == layout.primary else len(others)
     for name, source in names.items():
         for row in rows:
             row[name] = NAN if row["variant"] == layout.control else row[source]
@@ -175,14 +182,15 @@ def gap_row(name: str, own: list[Row], control: list[Row]) -> Row:
     areas = by_task(own, "mean_optimality")
     row |= bounded("area", mean_of(areas), distance_interval(areas))
     row |= hardest_row(own)
-    better, p, ends, apart = NAN, NAN, (NAN, NAN), (NAN, NAN)
+    better, p, least, ends, apart = NAN, NAN, NAN, (NAN, NAN), (NAN, NAN)
     if {str(r["_x"]) for r in own} == {str(r["_x"]) for r in control}:
         theirs = by_task(control, "shortfall")
         better, ends = probability_of_improvement(finals, theirs)
         p = permutation_p(finals, theirs)
+        least = least_p([(len(a), len(b)) for a, b in zip(finals, theirs, strict=True)])
         apart = difference_interval(finals, theirs, 1.0 - 2.0 * LEVEL)
     row |= bounded("improvement", better, ends)
-    row |= {"p": p, "apart_low": apart[0], "apart_high": apart[1]}
+    row |= {"least_p": least, "p": p, "apart_low": apart[0], "apart_high": apart[1]}
     tasks = {str(r["_x"]) for r in [*own, *control]}
     ended = by_task(own, "frames", tasks), by_task(control, "frames", tasks)
     for gap in REPORTED_GAPS:
@@ -232,8 +240,14 @@ def gap_verdict(row: Row, layout: Layout) -> str:
         return f"{'better' if row['improvement'] > 0.5 else 'worse'} ({note})"
     if margin is not None and -margin < row["apart_low"] <= row["apart_high"] < margin:
         return f"equal within {margin:g} points ({note})"
-    if least_p([(row["runs"], row["runs"])]) >= LEVEL:
-        return f"too few runs for p < {LEVEL:g} ({note})"
+    return not_shown(row, note)
+
+
+def not_shown(row: Row, note: str) -> str:
+    """The verdict where p is not below `LEVEL`."""
+    if row["least_p"] >= LEVEL:
+        least = min(row["least_p"], 1.0)
+        return f"p < {LEVEL:g} could not be reached, at best {least:.2g} ({note})"
     return f"no difference shown ({note})"
 
 
@@ -286,10 +300,10 @@ def paired_row(
     units = unit_means(own)
     logs = np.log(units)
     row: Row = {"variant": name, f"{distance.unit}s": len(own), "runs": len(rows)}
-    low, high = mean_interval([logs.tolist()])
-    row |= bounded("distance", np.exp(logs.mean()), (np.exp(low), np.exp(high)))
+    row |= of_logs("distance", float(logs.mean()), mean_interval([logs.tolist()]))
     row |= {"worst": float(units.max()), "each_run": units.tolist()}
     ratio, ends, p, lower = NAN, (NAN, NAN), NAN, ""
+    row["least_p"] = least_sign_flip_p(len(own))
     if rows is not control and list(own) == list(other):
         theirs = np.log(unit_means(other))
         if len(own) > 1:
@@ -298,10 +312,17 @@ def paired_row(
             p, lower = sign_flip_p(differences), f"{(differences < 0).sum()} of {len(own)}"
         else:
             sides = [logs.tolist()], [theirs.tolist()]
+            row["least_p"] = least_p([(len(logs), len(theirs))])
             ratio = float(np.mean(logs) - np.mean(theirs))
             ends, p = difference_interval(*sides), permutation_p(*sides)
-    row |= bounded("ratio", float(np.exp(ratio)), (float(np.exp(ends[0])), float(np.exp(ends[1]))))
+    row |= of_logs("ratio", ratio, ends)
     return row | hardest_row(rows) | {"lower_in": lower, "p": p}
+
+
+def of_logs(name: str, mean: float, ends: tuple[float, float]) -> Row:
+    """As `bounded`, of a geometric mean; without an interval that spans more than `WIDEST`."""
+    low, high = ends if ends[1] - ends[0] <= np.log(WIDEST) else (NAN, NAN)
+    return bounded(name, float(np.exp(mean)), (float(np.exp(low)), float(np.exp(high))))
 
 
 def paired_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> str:
@@ -313,7 +334,14 @@ def paired_verdict(row: Row, layout: Layout, distance: Distance = NASH_CONV) -> 
     note = f"p = {row['p_holm']:.3g}" + ", primary" * (row["variant"] == layout.primary)
     if row["p_holm"] < LEVEL:
         return f"{'lower' if row['ratio'] < 1.0 else 'higher'} {distance.name} ({note})"
-    return f"no difference shown ({note})"
+    return not_shown(row, note)
+
+
+def undecidable(rows: Sequence[Row]) -> str:
+    """A note on the variants whose p could not be below `LEVEL`; empty if there are none."""
+    names = [row["variant"] for row in rows if row["p_holm"] >= LEVEL <= row["least_p"]]
+    text = f"Too few runs for p < {LEVEL:g} after the correction: {', '.join(names)}"
+    return text if names else ""
 
 
 # -- tables and figures ----------------------------------------------------------------------------
@@ -418,7 +446,7 @@ def variants_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Co
         "final gap to the optimum (%)": ("gap", "gap", "each_run"),
         f"P(better than {study.layout.control})": ("share", "improvement", ""),
     }
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how)
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how, undecidable(rows))
     names = ["final.png", *figures.draw_stages(folder, study, how)]
     return ResultTable(rows, variant_columns(study.layout)), variant_notes(study), names
 
@@ -428,7 +456,7 @@ def paired_content(study: StudyRows, folder: Path, how: figures.Drawing) -> Cont
     rows, distance = against_control(study), distance_of(study)
     assert distance is not None
     panels = {f"{distance.name} ({distance.scale})": ("log", "distance", "each_run")}
-    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how)
+    figures.draw_final(folder / "final.png", study, rows, "variant", panels, how, undecidable(rows))
     table = ResultTable(rows, paired_columns(study.layout, distance))
     return table, paired_notes(study, rows, distance), ["final.png"]
 

@@ -156,21 +156,26 @@ class PlayServer:
             self.warning = str(error)
 
     def state(self, whole: bool) -> Plain:
-        """The state of the session for the page; with title and board if `whole`."""
-        session, outcome = self.session, self.session.outcome
-        state: Plain = {
-            "game": session.game,
-            "step": session.step,
-            "frame": session.frame(),
-            "over": session.over,
-            "outcome": None if outcome is None else asdict(outcome),
-            "rows": [] if outcome is None else outcome.rows(),
-            "total": total_line(session.outcomes),
-            "warning": self.warning,
-        }
-        if whole:
-            state |= {"title": session.title(), "board": session.board()}
-        return state
+        """`state_of` the session."""
+        return state_of(self.session, whole, self.warning)
+
+
+def state_of(session: Session, whole: bool, warning: str = "") -> Plain:
+    """The state of a session for the page; with title and board if `whole`."""
+    outcome = session.outcome
+    state: Plain = {
+        "game": session.game,
+        "step": session.step,
+        "frame": session.frame(),
+        "over": session.over,
+        "outcome": None if outcome is None else asdict(outcome),
+        "rows": [] if outcome is None else outcome.rows(),
+        "total": total_line(session.outcomes),
+        "warning": warning,
+    }
+    if whole:
+        state |= {"title": session.title(), "board": session.board()}
+    return state
 
 
 def _answer(status: int, content: Plain) -> bottle.HTTPResponse:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -40,6 +40,9 @@ GRID = 60
 
 BAND_FROM = 10
 """Least number of runs that are drawn as a band; fewer are drawn as lines."""
+
+END_SIZE = 8.5
+"""Points of the texts at the ends of lines."""
 
 CHARACTERS = 12
 """Per inch of width, in lines of titles and notes."""
@@ -130,7 +133,7 @@ def draw_panels(
         grid: the panels by row; the last row may be shorter.
         unit: of the times in the curves: frames (in millions) or seconds.
         title: of the whole figure.
-        beside: draw one legend next to all panels instead of one next to each.
+        beside: draw one legend next to all panels, and only values at the ends of lines.
         log: whether the axis of training time is logarithmic.
         note: text below the figure: what its lines are.
         also: as of `save`.
@@ -150,9 +153,8 @@ def draw_panels(
                 axis.set_visible(False)
                 continue
             _draw_panel(axis, line[place], log, gaps)
-            if not beside and axis.get_legend_handles_labels()[1]:
-                # next to the axes, where it covers no curve
-                axis.legend(frameon=False, fontsize=9, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+            if ends := [*_ends(line[place], beside)]:
+                label_ends(axis, ends, 1.1 * line[place].height)
     for axis in axes[-1]:
         axis.set_xlabel("frames (millions)" if unit == "frames" else "training time (s)")
     # Matplotlib's own wrapping reads formulas.
@@ -161,6 +163,34 @@ def draw_panels(
     if beside:
         legend_beside(figure, axes.flat)
     save(figure, path, also)
+
+
+def label_ends(axis: Axes, ends: Sequence[tuple[float, str, str]], height: float) -> None:
+    """Write texts beside the right end of an axis, each at its value or as near as there is room.
+
+    Args:
+        axis: with its final limits.
+        ends: the values, texts and colours.
+        height: of the axis, in inches.
+    """
+    values = np.array([value for value, _, _ in ends])
+    points = axis.transData.transform(
+        np.column_stack([np.full_like(values, axis.get_xlim()[1]), values])
+    )
+    wanted = np.clip(axis.transAxes.inverted().transform(points)[:, 1], 0.0, 1.0)
+    least = 1.25 * END_SIZE / (72.0 * height)
+    order = np.argsort(wanted, kind="stable")
+    places = wanted[order]
+    for above in range(1, len(places)):
+        places[above] = max(places[above], places[above - 1] + least)
+    most = 1.0
+    for below in reversed(range(len(places))):
+        places[below] = most = min(places[below], most)
+        most -= least
+    for place, number in zip(places, order, strict=True):
+        _, text, color = ends[number]
+        where = {"transform": axis.transAxes, "va": "center", "color": color}
+        axis.text(1.01, place, text, fontsize=END_SIZE, **where)
 
 
 def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> None:
@@ -185,6 +215,23 @@ def _draw_panel(axis: Axes, panel: Panel, log: bool, gaps: Sequence[Array]) -> N
     if log:
         log_axis(axis, "x")
     tidy(axis)
+
+
+def _ends(panel: Panel, bare: bool) -> Iterator[tuple[float, str, str]]:
+    """Value, text and colour of what is written at the ends of the lines of a panel: labels with
+    last values, or only the values if `bare`."""
+    unit = " %" if panel.scale == "gap" else ""
+    for series in panel.series:
+        known = [values[~np.isnan(values)] for _, values in series.curves]
+        last = [values[-1] for values in known if len(values)]
+        if last and not panel.note and (series.label is not None or unit):
+            value = float(np.mean(last))
+            text = f"{value:z.2f}{unit}" if unit else f"{value:.4g}"
+            named = series.label is not None and not bare
+            yield value, f"{series.label}: {text}" if named else text, series.color
+    for level in () if bare else panel.levels:
+        if level.label is not None:
+            yield level.value, level.label, level.color
 
 
 def _draw_series(axis: Axes, series: Series, log: bool) -> None:

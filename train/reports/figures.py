@@ -19,6 +19,7 @@ from pursuit.validation import one_of
 if TYPE_CHECKING:  # slow to import
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
@@ -171,13 +172,23 @@ def save(figure: Figure, path: Path, also: str | None = None, dpi: int = 130) ->
         # `Figure.savefig` draws twice: first only to find the layout.
         write: Any = FigureCanvasAgg(figure).print_png
         if form == "svg":
-            write = partial(FigureCanvasSVG(figure).print_svg, metadata={"Date": None})
+            write = partial(_write_svg, FigureCanvasSVG(figure))
         elif form == "pdf":
             write = partial(FigureCanvasPdf(figure).print_pdf, metadata={"CreationDate": None})
         with matplotlib.rc_context(settings):
             write_atomically(path.with_suffix(f".{form}"), write)
         figure.set_layout_engine("none")  # the layout is found; it takes as long as drawing
     pyplot().close(figure)
+
+
+def _write_svg(canvas: FigureCanvasSVG, path: Path) -> None:
+    """A picture without background, which has that of the page."""
+    patches = [canvas.figure.patch, *(axis.patch for axis in canvas.figure.axes)]
+    for patch in patches:
+        patch.set_visible(False)
+    canvas.print_svg(path, metadata={"Date": None})
+    for patch in patches:
+        patch.set_visible(True)
 
 
 # -- intervals -------------------------------------------------------------------------------------
@@ -209,16 +220,18 @@ def draw_intervals(
     title: str,
     ylabel: str = "",
     also: str = "svg",
+    note: str = "",
 ) -> None:
     """Draw an interval plot: values with their intervals, one per line.
 
     Args:
         path: of the figure.
-        panels: by label of the axis: its scale ("linear", "log", "gap", or "share" from 0 to 1),
-            and the values.
+        panels: by label of the axis: its scale ("linear", "log", "ratio" with a line at 1, "gap",
+            or "share" from 0 to 1), and the values.
         title: of the figure.
         ylabel: label of the lines.
         also: as of `save`.
+        note: text below the figure.
     """
     everything = [each for _, estimates in panels.values() for each in estimates]
     lines = list(dict.fromkeys(each.line for each in everything))
@@ -233,13 +246,16 @@ def draw_intervals(
             shift = 0.6 * ((groups.index(each.group) + 0.5) / len(groups) - 0.5)
             at = lines.index(each.line) + shift
             style = {"color": each.color}
-            axis.plot([each.low, each.high], [at, at], lw=5, alpha=0.35, **style)
+            ends = [each.low, each.high]
+            axis.plot(ends, [at, at], lw=5, alpha=0.35, solid_capstyle="butt", **style)
             axis.plot(each.points, [at] * len(each.points), "|", ms=9, **style)
             axis.plot(each.value, at, "o", ms=6, label=in_legend(each.group), **style)
         if scale == "gap":
             gap_axis(axis, "x", [point for each in estimates for point in each.points])
-        elif scale == "log":
+        elif scale in ("log", "ratio"):
             log_axis(axis, "x")
+            if scale == "ratio":
+                axis.axvline(1.0, color="#333333", lw=1.0, ls=":")
         elif scale == "share":
             axis.set_xlim(-0.03, 1.03)
             axis.axvline(0.5, color="#333333", lw=1.0, ls=":")
@@ -251,6 +267,7 @@ def draw_intervals(
     if len(groups) > 1:
         legend_beside(figure, axes[0, :1])
     figure.suptitle(title, fontsize=11)
+    figure.supxlabel(fill(note, int(12 * size[0])), fontsize=8)
     save(figure, path, also)
 
 

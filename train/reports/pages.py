@@ -50,7 +50,7 @@ def section(title: str, *parts: str) -> list[str]:
 
 
 def embedded_picture(path: Path, text: str) -> Html:
-    """An embedded picture; empty if the file does not exist."""
+    """An embedded picture, or the .svg beside it; empty if the file does not exist."""
     if not path.is_file():
         return Html()
     return Html(f'<figure><img alt="{escape(text)}" src="{_embedded(path)}"></figure>')
@@ -106,7 +106,8 @@ def page_of(report: Path) -> Path:
 
 
 def _embedded(path: Path) -> str:
-    """The content of a picture as a data URL."""
+    """The content of a picture, or of the .svg beside it, as a data URL."""
+    path = drawn if (drawn := path.with_suffix(".svg")).is_file() else path
     content = base64.b64encode(path.read_bytes()).decode("ascii")
     return f"data:{MEDIA_TYPES[path.suffix]};base64,{content}"
 

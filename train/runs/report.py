@@ -8,6 +8,7 @@ from typing import Any
 
 from pursuit.replays.viewer.data import Builder
 from train.evaluation.hidden_contest import Certificate
+from train.evaluation.recordings import add_compared
 from train.evaluation.score_table import score_table
 from train.evaluation.scores import AnyContest, Reference, Score, beside_of
 from train.evaluation.team_contest import describe_team
@@ -53,13 +54,13 @@ def write_report(
         OSError: they cannot be written.
     """
     games = {f"episode {number + 1}": number for number in range(EPISODES)}
-    builder = Builder()
-    shown = (games, settings.algorithm, settings.observation)
-    replay = contest.add_episodes(builder, policy, *shown)
+    scores, builder = [Score(**score) for score in results["scores"]], Builder()
+    is_solved = any(score.name.startswith("optimal") for score in scores)
+    shown = (games, settings.algorithm, settings.observation, is_solved)
+    replay = add_compared(builder, contest, policy, *shown)
     if path is None and replay is not None:
         replay.save(folder / REPLAYS)
     title = contest.line().split(", at most")[0]
-    scores = [Score(**score) for score in results["scores"]]
     table = score_table(
         scores, certificate_in(results), contest.measure, contest.beside, contest.success
     )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pursuit.replays.viewer.data import Builder
 from train.evaluation.payoff_table import payoff_table
 from train.evaluation.scores import Measure
+from train.evaluation.sides import Sides
 from train.files import Plain
 from train.reports.figures import draw_matrix
 from train.reports.pages import embedded_picture, section
 from train.reports.tables import Column, ResultTable, Row, in_markdown, numeric, words
-from train.self_play.league import LeagueTable
+from train.self_play.league import Entry, LeagueTable
 
 
 def ratings_table(role: str, content: Plain) -> ResultTable:
@@ -67,6 +69,35 @@ def draw_league(path: Path, table: LeagueTable, title: str) -> list[Path]:
     other = path.with_stem(f"{path.stem}_{role}")
     draw_matrix(other, table.first, names[0], names[1], f"return of {role}", title)
     return [other, path]
+
+
+def notable_pairs(table: LeagueTable, content: Plain) -> dict[tuple[int, int], str]:
+    """By row and column why a pair is notable: the least and the largest payoff, and where there
+    are ratings the best of both roles."""
+    found: dict[tuple[int, int], list[str]] = {}
+    for why, place in (("least", table.shown.argmin()), ("largest", table.shown.argmax())):
+        found.setdefault(divmod(int(place), len(table.evaders)), []).append(f"{why} payoff")
+    if table.first is None:
+        elo = [[row["elo"] for row in content[f"{role}_ratings"]] for role in table.roles]
+        best = elo[0].index(max(elo[0])), elo[1].index(max(elo[1]))
+        found.setdefault(best, []).append("best rated")
+    return {pair: ", ".join(reasons) for pair, reasons in found.items()}
+
+
+def add_notable_pairs(
+    builder: Builder, game: Sides, entries: Sequence[Entry], table: LeagueTable, content: Plain
+) -> None:
+    """Add an episode of each of `notable_pairs` to a page, all from the same start.
+
+    Raises:
+        ValueError: a game that draws its states failed to.
+    """
+    sides = [[entry for entry in entries if entry.role == role] for role in table.roles]
+    for (row, column), why in notable_pairs(table, content).items():
+        one, two = sides[0][row], sides[1][column]
+        labels = {one.role: one.name, two.role: two.name}
+        policies = {one.role: one.policy, two.role: two.policy}
+        game.add_episodes(builder, policies, {f"{one.name} against {two.name}: {why}": 0}, labels)
 
 
 def page_parts(

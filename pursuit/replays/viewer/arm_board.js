@@ -8,6 +8,7 @@ class ArmBoard {
     draw(element, "circle", { class: "rim", r: 10 * world.joints });
     this.target = draw(element, "circle", { class: "target", r: 10 * world.tolerance });
     this.middle = draw(element, "path", { class: "target-middle" });
+    this.tour = draw(element, "polyline", { class: "trail tour" });
     this.trail = draw(element, "polyline", { class: "trail tip" });
     this.links = draw(element, "polyline", { class: "links" });
     this.joints = Array.from({ length: world.joints }, () => draw(element, "circle", { class: "joint", r: 1.6 }));
@@ -26,7 +27,7 @@ class ArmBoard {
     return points;
   }
 
-  // frame: {angles, target}; extras: {trail: [angles of earlier steps]}
+  // frame: {angles, target}; extras: {trail: [angles of earlier steps], tour: [angles]}
   show(frame, extras) {
     const text = (points) => points.map((point) => point.map((part) => part.toFixed(2)).join(",")).join(" ");
     const points = this.ends(frame.angles), [x, y] = [10 * frame.target[0], -10 * frame.target[1]];
@@ -38,6 +39,8 @@ class ArmBoard {
     place(this.middle, { d: `M${x - 1} ${y}h2M${x} ${y - 1}v2` });
     const reached = Math.hypot(tx - x, ty - y) <= 10 * this.world.tolerance;
     this.target.classList.toggle("reached", reached);
-    place(this.trail, { points: text((extras.trail || []).map((angles) => this.ends(angles).pop())) });
+    const tips = (poses = []) => text(poses.map((angles) => this.ends(angles).pop()));
+    place(this.trail, { points: tips(extras.trail) });
+    place(this.tour, { points: tips(extras.tour) });
   }
 }

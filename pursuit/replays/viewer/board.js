@@ -46,6 +46,13 @@ function token(parent, role, label) {
   return group;
 }
 
+// A sign of a board and its meaning, for legends; `paint` draws into a picture from -5 to 5.
+function sign(paint, ...meaning) {
+  const picture = draw(null, "svg", { class: "swatch", viewBox: "-5 -5 10 10", "aria-hidden": "true" });
+  paint(picture);
+  return make("span", { class: "sign" }, picture, ...meaning);
+}
+
 class Board {
   constructor(element, world) {
     const kind = { maze: MazeBoard, arm: ArmBoard, game: GameBoard }[world.kind];

@@ -29,6 +29,7 @@ class MazeBoard {
     const many = (role) => world.agents.filter((agent) => agent.role === role).length > 1;
     this.agents = world.agents.map((agent) =>
       token(this.layers.agents, agent.role, many(agent.role) ? agent.name.split("_").pop() : ""));
+    this.tour = draw(this.layers.trails, "polyline", { class: "trail tour", transform: "translate(1.1 1.1)" });
     this.trails = world.agents.map((agent) => draw(this.layers.trails, "polyline", { class: `trail ${agent.role}` }));
   }
 
@@ -85,7 +86,7 @@ class MazeBoard {
   }
 
   // frame: {cells: [cell, or -1 of agents that have left the game], last: [the same with their last
-  // cell], goals: [cell or -1]}; extras: {trails: [[cells]], values, arrows, seen}
+  // cell], goals: [cell or -1]}; extras: {trails: [[cells]], tour: [cells], values, arrows, seen}
   show(frame, extras) {
     const together = new Map();
     frame.cells.forEach((cell) => together.set(cell, (together.get(cell) || 0) + 1));
@@ -110,10 +111,9 @@ class MazeBoard {
       const [x, y] = this.middle(cell);
       place(goal, { visibility: "visible", transform: `translate(${x} ${y})` });
     });
-    this.trails.forEach((trail, number) => {
-      const cells = (extras.trails || [])[number] || [];
-      place(trail, { points: cells.map((cell) => this.middle(cell).join(",")).join(" ") });
-    });
+    const points = (cells = []) => cells.map((cell) => this.middle(cell).join(",")).join(" ");
+    this.trails.forEach((trail, number) => place(trail, { points: points((extras.trails || [])[number]) }));
+    place(this.tour, { points: points(extras.tour) });
     this.showValues(extras.values || null);
     this.showArrows(extras.arrows || null);
     this.showSeen(extras.seen || null);
@@ -142,7 +142,7 @@ class MazeBoard {
     values.numbers.forEach((value, cell) => {
       const [square, text] = this.squares[cell];
       const known = Number.isFinite(value);
-      const label = known ? value.toFixed(value < 9.95 ? 1 : 0) : "";
+      const label = known ? value.toFixed(value >= 9.95 ? 0 : values.high < 1 ? 2 : 1) : "";
       place(square, { fill: known ? shade((value - values.low) / span) : "none" });
       if (text.textContent !== label) text.textContent = label;
     });
@@ -165,11 +165,15 @@ class MazeBoard {
       const marks = this.arrows[cell], [x, y] = this.middle(cell);
       const bits = arrows.optimal ? arrows.optimal[cell] : 0;
       const chances = arrows.learned ? arrows.learned[cell] : null;
-      place(marks.optimal, { d: [...Array(32).keys()].map((action) => (bits >> action) & 1 ? arrow(x, y, this.direction(cell, action), 4.2, 1) : "").join("") });
+      const drawn = (action, length, side) => {
+        const [dx, dy] = this.direction(cell, action), r = this.radii ? this.radii[cell] : 0; // beside the number
+        return r ? arrow(x + r * dx, y + (dx || dy ? r * dy : r + 1), [dx, dy], length, side) : arrow(x + 0.7, y + 1.1, [dx, dy], length, side);
+      };
+      place(marks.optimal, { d: [...Array(32).keys()].map((action) => (bits >> action) & 1 ? drawn(action, 3.4, 1) : "").join("") });
       let best = -1;
       if (chances) chances.forEach((chance, action) => { if (best < 0 || chance > chances[best]) best = action; });
       place(marks.learned, {
-        d: best < 0 ? "" : arrow(x, y, this.direction(cell, best), 3.2, -1),
+        d: best < 0 ? "" : drawn(best, 2.8, -1),
         opacity: best < 0 ? 0 : (0.35 + 0.65 * chances[best]).toFixed(2),
       });
       const wrong = best >= 0 && bits > 0 && !((bits >> best) & 1);
@@ -209,9 +213,9 @@ function radiiOf(cells) {
   });
 }
 
-// An arrow from the centre of a cell; optimal and learned arrows are drawn on opposite sides.
+// An arrow from a point, or a dot for waiting; optimal and learned ones are drawn on opposite sides.
 function arrow(x, y, [dx, dy], length, side) {
-  if (!dx && !dy) return `M${x - 1.2} ${y + side * 1.6}h2.4`;
+  if (!dx && !dy) return `M${x + 1.3 * side - 0.4} ${y}a.4 .4 0 1 0 .8 0a.4 .4 0 1 0 -.8 0`;
   const aside = 0.9 * side, ax = x - dy * aside, ay = y + dx * aside;
   const tx = ax + dx * length, ty = ay + dy * length;
   return `M${ax} ${ay}L${tx} ${ty}M${tx - 1.3 * dx - 1.1 * dy} ${ty - 1.3 * dy - 1.1 * dx}L${tx} ${ty}` +
@@ -220,6 +224,11 @@ function arrow(x, y, [dx, dy], length, side) {
 
 // The colour map cividis, readable for colour-blind users: dark blue (few steps) to yellow (many).
 const CIVIDIS = [[0, 34, 78], [66, 78, 108], [123, 124, 120], [186, 173, 108], [254, 232, 56]];
+
+// The colours from `low` to `high`, as a legend.
+function scale(low, high) {
+  return make("span", { class: "scale" }, low, make("span", { class: "colors" }), high);
+}
 
 function shade(share) {
   const at = Math.min(Math.max(share, 0), 1) * (CIVIDIS.length - 1);

@@ -1,5 +1,6 @@
 // The page of `pursuit play`: sends moves from keys and touches to the server and shows its answers.
-// The first state is in the element "pursuit-data" (see train/play/server.py).
+// The first state is in the element "pursuit-data" (see train/play/server.py). In a page without a
+// server, `answer` of play_tables.js answers.
 
 (function () {
   const WAIT = 110; // ms between two moves while a key is pressed
@@ -78,17 +79,21 @@
       return { trails: world.agents.map((_, n) => some.map((frame) => frame.last[n])) };
     }
 
+    async function asked(what, content) {
+      const answer = await fetch(what, {
+        method: "POST",
+        headers: { "Content-Type": "application/json" },
+        body: JSON.stringify(content),
+      });
+      return answer.json();
+    }
+
     async function send(what, content) {
       if (busy) return;
       busy = true;
       last = performance.now();
       try {
-        const answer = await fetch(what, {
-          method: "POST",
-          headers: { "Content-Type": "application/json" },
-          body: JSON.stringify(content),
-        });
-        const reply = await answer.json();
+        const reply = state.tables ? answer(state, what, content) : await asked(what, content);
         if (reply.frame) show(reply); // also after a refused move
         else status.textContent = reply.error;
       } catch (error) {

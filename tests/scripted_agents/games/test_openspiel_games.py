@@ -14,14 +14,14 @@ from matrix_values import matrix_value
 
 from scripted_agents.games import enumerate_game, equilibrium, respond, returns_of
 
-PAGE = (Path(__file__).parents[3] / "docs/guides/own_games.md").read_text(encoding="utf-8")
+PAGE = Path(__file__).parents[3].joinpath("docs/reference/openspiel_games.txt").read_text("utf-8")
 TABLE: dict[str, list[str]] = {
     outcome.removeprefix("refused: "): games.split()
     for outcome, games in re.findall(
         r"^(solved|refused: .+)\n((?:  .+\n)+)", PAGE.replace("  all others\n", ""), re.MULTILINE
     )
 }
-"""Games by what the page says of them."""
+"""Games by what the file, which docs/guides/own_games.md links, says of them."""
 
 pyspiel = pytest.importorskip("pyspiel", exc_type=ImportError)
 openspiel = pytest.importorskip("scripted_agents.games.openspiel", exc_type=ImportError)

@@ -66,7 +66,10 @@ def test_the_page_plays_with_values_policies_and_trails(browser: Any, tmp_path: 
     assert state["playing"] and not errors
     assert all(state["shown"][name] for name in ("trails", "values", "policy"))
     tab.evaluate("window.pursuit.play(false); window.pursuit.go(1)")
-    assert tab.locator(".values rect[fill^=rgb]").count() == 80  # all but that of the evader
+    boards = tab.locator(".stage svg")  # of the A* chaser and of the optimal one
+    assert boards.count() == 2
+    for board in boards.all():
+        assert board.locator(".values rect[fill^=rgb]").count() == 80  # all but that of the evader
     tab.close()
 
 

@@ -408,7 +408,7 @@ def test_what_cannot_be_drawn_costs_no_result(
     ):
         run(*command)
         said = capsys.readouterr().err
-        drawn = command[0] in ("train", "self-play", "view", "render")
+        drawn = command[0] in ("train", "self-play", "view", "render", "league")
         assert said.count(warning) == drawn, said
         assert page is None or text in (page / "report.html").read_text()
     assert (one / "results.json").exists() and (pair / "results.json").exists()

@@ -176,3 +176,37 @@ def test_long_games_of_many_agents_are_evaluated_by_fewer_episodes(
     task: dict[str, int], episodes: int
 ) -> None:
     assert usual_episodes(pursuit.Task("15x15-open", **task), 1000) == episodes
+
+
+@pytest.mark.parametrize("role", ["chaser", "evader"])
+def test_steps_lost_by_start_cell_add_up_to_the_gap(role: str) -> None:
+    policies = {"chaser": AStarChaser(0.3), "evader": AStarEvader(0.3)}
+    own = policies.pop(role)
+    contest = GameContest(make_task("chase", maze="4x4", max_steps=30), f"{role}_0", policies, 10)
+    lost, best = contest.lost_by_start(own), contest.optimal()
+    assert lost is not None and best is not None and lost.min() >= 0.0
+    gap = abs(contest.score("", own).mean_steps - best.mean_steps)
+    assert lost.mean() == pytest.approx(gap)  # each cell is a start equally often
+    limited = make_task("chase", maze="4x4", max_steps=30, view_radius=2)
+    assert GameContest(limited, f"{role}_0", policies, 10).lost_by_start(own) is None
+
+
+def test_steps_lost_by_start_cell_of_a_runner_are_those_of_its_episodes() -> None:
+    task = make_task("maze", maze="4x4", num_goals=2, max_steps=50)
+    contest = GameContest(task, "runner_0", {}, 40)
+    found, lengths, tours = (
+        contest.lost_by_start(RandomAgent()),
+        *contest.play(RandomAgent())[:1],
+        contest.tours,
+    )
+    assert found is not None and tours is not None
+    cells = contest.starts().positions[:, 0]
+    for cell in range(16):
+        here = cells == cell
+        expected = (lengths - tours)[here].mean() if here.any() else np.nan
+        assert found[cell] == pytest.approx(expected, nan_ok=True)
+    race = make_task("race", maze="3x3", num_runners=2, num_goals=1)
+    assert (
+        GameContest(race, "runner_0", {"runner": RandomAgent()}, 4).lost_by_start(RandomAgent())
+        is None
+    )

@@ -243,8 +243,9 @@ def test_shards_search_settings_rung_by_rung(
 def test_the_array_job_of_the_page_and_the_command_after_it_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    page = Path(__file__).parents[3] / "docs" / "guides" / "clusters.md"
-    array, merge, *_ = re.findall(r"^pursuit (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    page = Path(__file__).parents[3] / "docs" / "guides" / "sweeps.md"
+    slurm = page.read_text(encoding="utf-8").partition("\n## SLURM\n")[2]
+    array, merge, *_ = re.findall(r"^pursuit (.+)$", slurm, re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "study.toml").write_text(SWEEP.replace("[0, 1, 2, 3, 4]", "[0]"))
     for number in NUMBERS:  # of which six have nothing to do

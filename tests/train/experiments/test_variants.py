@@ -27,6 +27,7 @@ from train.experiments.variants import (
     equal_results,
     gap_row,
     hardest_row,
+    of_logs,
     out_of_reach,
     paired_row,
     paired_verdict,
@@ -116,7 +117,7 @@ def test_a_verdict_needs_a_significant_difference() -> None:
         assert told[0] == "control" and told[1].startswith(wanted)
     low = [run([1.0], seed) for seed in range(3)]
     three = verdicts(control_of(), none=control[:3], variant=low)
-    assert three[1] == "too few runs for p < 0.05 (p = 0.10)"
+    assert three[1] == "p < 0.05 could not be reached, at best 0.1 (p = 0.10)"
     assert verdicts(control_of(), none=control[:1], variant=control[:1])[1] == "too few runs"
 
 
@@ -125,9 +126,16 @@ def test_p_is_corrected_except_for_the_primary_variant() -> None:
     better = [run([50.0, 5.0 + seed], seed) for seed in range(5)]
     variants = {"none": control, **{name: better for name in "abcdefg"}}
     told = verdicts(control_of(), **variants)
-    assert {*told[1:]} == {"no difference shown (p = 0.056)"}  # 7 times 2 of 252 splits
+    beyond = "p < 0.05 could not be reached, at best 0.056 (p = 0.056)"  # 7 times 2 of 252 splits
+    assert {*told[1:]} == {beyond}
     told = verdicts(control_of(primary="b"), **variants)
     assert told[2] == "better (p = 0.008, primary)" and told[1] == "better (p = 0.048)"
+
+
+def test_intervals_that_span_three_orders_of_magnitude_are_left_out() -> None:
+    assert of_logs("ratio", 0.0, (-1.0, 1.0))["ratio_low"] == pytest.approx(np.exp(-1.0))
+    wide = of_logs("ratio", 0.0, (-8.0, 8.0))
+    assert wide["ratio"] == 1.0 and np.isnan([wide["ratio_low"], wide["ratio_high"]]).all()
 
 
 def test_variants_are_equal_only_within_the_given_margin() -> None:

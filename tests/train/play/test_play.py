@@ -29,7 +29,7 @@ from train.play.session import Session
 from train.play.setup import session_of
 from train.settings.task import TaskSettings
 
-PAGE = Path(__file__).parents[3] / "docs" / "guides" / "play.md"
+GUIDE = Path(__file__).parents[3] / "docs" / "guides" / "viewer.md"
 
 # -- the optimum beside it, against solvers of our own ---------------------------------------------
 
@@ -297,15 +297,16 @@ def test_wrong_command_lines_are_one_line(
     assert words in error_of(capsys, "play", "--no-browser", *arguments)
 
 
-# -- the page about it -----------------------------------------------------------------------------
+# -- the guide about it ----------------------------------------------------------------------------
 
 
 def blocks_of(language: str) -> list[str]:
-    found = re.findall(r"^```(\w*)\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.DOTALL | re.M)
+    text = GUIDE.read_text(encoding="utf-8").partition("\n## Play\n")[2]
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.M)
     return [code for named, code in found if named == language]
 
 
-def test_the_commands_of_the_page_run_as_they_stand(
+def test_the_commands_of_the_guide_run_as_they_stand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With a player that always moves north."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from train.runs.pictures import curriculum_panel
     ("scale", "columns", "beside"),
     [("linear", 1, False), ("from 0", 3, True), ("log", 1, True), ("gap", 3, False)],
 )
-def test_legends_cover_no_axes(
+def test_labels_cover_no_axes_and_no_others(
     scale: str, columns: int, beside: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[Any] = []
@@ -37,6 +38,11 @@ def test_legends_cover_no_axes(
     axes = [axis.get_window_extent() for axis in figure.axes]
     legends = [*figure.legends, *(axis.get_legend() for axis in figure.axes)]
     shown = [legend.get_window_extent() for legend in legends if legend is not None]
+    for axis in figure.axes:
+        beside_it = [text.get_window_extent() for text in axis.texts]
+        assert beside or len(beside_it) == len(series) + 1
+        assert not any(one.overlaps(other) for one, other in combinations(beside_it, 2))
+        shown += beside_it
     assert shown and not any(one.overlaps(box) for one in shown for box in axes)
     page = figure.bbox.padded(1.0)
     assert all(page.contains(*corner) for one in shown for corner in one.corners())

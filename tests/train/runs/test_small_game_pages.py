@@ -105,7 +105,7 @@ def test_hostile_texts_stay_texts(runs: dict[str, Path], tmp_path: Path, browser
     page = Parts(runs["hostile"] / "report.html")
     assert page.data["worlds"][0]["states"][0]["text"] == HOSTILE
     assert not {"b", "i", "svg"} & set(page.counts)
-    tab = browser.new_page()
+    tab = browser.new_page(reduced_motion="reduce")
     tab.goto((runs["hostile"] / "report.html").as_uri())
     tab.keyboard.press("ArrowRight")
     assert tab.evaluate("window.hacked") is None
@@ -120,13 +120,16 @@ def test_the_browser_shows_drawings_and_numbers_and_loads_nothing(
 ) -> None:
     said: list[str] = []
     asked: list[str] = []
-    tab = browser.new_page()
+    tab = browser.new_page(reduced_motion="reduce")
     tab.on("console", lambda message: said.append(message.text))
     tab.on("pageerror", lambda error: said.append(str(error)))
     tab.on("request", lambda request: asked.append(request.url))
     path = runs["svg"] / "report.html"
     tab.goto(path.as_uri())
     item, world = Parts(path).data["items"][0], Parts(path).data["worlds"][0]
+    tab.evaluate("window.pursuit.choose(0)")
+    assert tab.locator(".stage img").count() == 2  # the optimal thief is beside the learned one
+    tab.keyboard.press("c")
     for step in range(item["length"] + 1):
         found = tab.evaluate("window.pursuit.state()")
         assert (found["step"], found["state"]) == (step, item["states"][step])

@@ -186,6 +186,8 @@ def test_evaluations_never_use_training_seeds(
     monkeypatch.setattr("train.evaluation.matchups.Simulator", Spied)
     monkeypatch.chdir(tmp_path)
     main(["league", "astar", "random", "--maze", "3x3", "--games", "2", "--seed", "5"])
+    assert set(seeds) == {2**62 + 5, 2**62}  # its page plays starts of the usual evaluations
+    seeds.clear()
     main(["baseline", "--task", "maze", "--maze", "3x3", "--episodes", "2", "--seed", "5"])
     assert set(seeds) == {2**62 + 5}
     seeds.clear()
@@ -229,11 +231,36 @@ def test_evaders_that_are_never_caught_are_reported(
     assert content["ranks_mean_nothing"] == ["chaser"]
     assert [row[2] for row in content["out_of_time"]] == [1.0, 1.0, 1.0]
     page = (tmp_path / "open" / "report.html").read_text(encoding="utf-8")
-    assert page.count('src="data:image/png;base64,') == 1 and "<h1>League on 5x5</h1>" in page
+    assert page.count('src="data:image/svg+xml;base64,') == 1 and "<h1>League on 5x5</h1>" in page
     for text in ("Payoffs", "Elo [95 %]", "never caught by any chaser here", "Command"):
         assert text in page
     main([*entries, str(tmp_path / "tree"), "--maze", "5x5-tree"])
     assert "never caught" not in capsys.readouterr().err
+
+
+def test_the_page_plays_the_notable_pairs(browser: Any, tmp_path: Path) -> None:
+    entries = ["astar", "random", "equilibrium", "--maze", "3x3", "--games", "20"]
+    main(["league", *entries, "--out", str(tmp_path / "l")])
+    content = json.loads((tmp_path / "l" / "league.json").read_text())
+    payoff = np.array(content["payoff"])
+    tab = browser.new_page(reduced_motion="reduce")
+    errors: list[str] = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto((tmp_path / "l" / "report.html").as_uri())
+    shown = dict(
+        reversed(text.split(": ")) for text in tab.locator(".episodes button").all_text_contents()
+    )
+    best = [
+        max(content[f"{role}_ratings"], key=lambda row: row["elo"])["name"]
+        for role in ("chaser", "evader")
+    ]
+    for why, find in (("least payoff", np.argmin), ("largest payoff", np.argmax)):
+        row, column = np.unravel_index(find(payoff), payoff.shape)
+        pair = f"{content['chasers'][row]} against {content['evaders'][column]}"
+        assert [name for reasons, name in shown.items() if why in reasons] == [pair]
+    assert " against ".join(best) in [n for why, n in shown.items() if "best rated" in why]
+    assert tab.locator(".stage svg .token").count() == 2 and not errors
+    tab.close()
 
 
 def test_the_former_name_of_equilibrium_is_accepted_and_the_new_one_shown(

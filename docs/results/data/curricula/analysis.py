@@ -1,4 +1,5 @@
-"""Tables and figure of docs/results/curricula.md, of the ablations of which all runs have ended."""
+"""Tables and figure of docs/results/curricula.md and the README here, of the ablations of which all
+runs have ended."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from train.experiments.committed import (
 )
 from train.experiments.recorded import read_recorded
 from train.experiments.rows import StudyRows
-from train.experiments.statistics import holm
+from train.experiments.statistics import LEVEL, holm
 from train.experiments.study import StudyFile
 from train.experiments.variants import (
     MAZE,
@@ -55,6 +56,15 @@ ORDERS = {
     ),
 }
 """Stages in order against stages in another order, as (study, variant, variant), by table."""
+CHANGES = {
+    "opponent-epsilon": "epsilon of the opponent",
+    "goal-spread-start": "goals near the start first",
+    "adaptive": "goals near the start first",
+    "maze-size": "size or walls of the maze",
+    "goal-spread-fixed": "goals near fixed marks first",
+    ORDER: "goals near the start first, other mazes",
+}
+"""What the curricula of an ablation that are in the short table change."""
 MEASURES = ("objective", "shortfall", "mean_optimality", "hardest_share", "frames")
 """What a failed run takes from another one."""
 HEAD = "gap in order / in other order [95 %]"
@@ -99,6 +109,23 @@ def table_of(study: StudyRows) -> str:
     return ResultTable(against_control(study), columns).markdown()
 
 
+def short_table(studies: dict[str, StudyRows]) -> str:
+    """The linear and the primary variants of all ablations that are paired by maze, and those whose
+    difference from the control is shown."""
+    lines = []
+    for name, what in CHANGES.items():
+        study = studies[name]
+        for row in against_control(study):
+            variant, p = row["variant"], row["p_holm"]
+            if variant.endswith("linear") or variant == study.layout.primary or p < LEVEL:
+                low, middle, high = (f"{row[f'ratio{end}']:.2f}" for end in ("_low", "", "_high"))
+                line = {"ablation": name, "what changes": what, "variant": variant}
+                line["million frames"] = f"{study.rows[0]['budget_frames'] / 1e6:g}"
+                line |= {"ratio to none [95 %]": f"{middle} [{low}, {high}]"}
+                lines.append(line | {"below none": row["lower_in"], "verdict": row["verdict"]})
+    return plain_table(lines).markdown()
+
+
 def order_table(studies: dict[str, StudyRows], comparisons: Sequence[tuple[str, str, str]]) -> str:
     """Stages in order against stages in another order, corrected together (Holm)."""
     found = []
@@ -128,10 +155,11 @@ def settings_table(data: Path, names: Iterable[str]) -> str:
 
 
 def tables(data: Path) -> dict[str, str]:
-    """The tables by title; those of the order need all ablations."""
+    """The tables by title; the short one and those of the order need all ablations."""
     studies = studies_in(data)
     found = {name: table_of(study) for name, study in studies.items()}
     if [*studies] == [*STUDIES]:
+        found["in short"] = short_table(studies)
         found |= {title: order_table(studies, each) for title, each in ORDERS.items()}
     return {**found, "settings": settings_table(data, studies)}
 
@@ -157,5 +185,8 @@ def figures(data: Path, out: Path) -> None:
     axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axis.xaxis.set_major_formatter("{x:g}")
     axis.xaxis.set_minor_locator(NullLocator())
-    axis.set_xlabel("gap to the optimum / gap without a curriculum")
+    axis.set_xlabel(
+        "gap to the optimum / gap without a curriculum (below 1: nearer with it)\n"
+        "geometric means over mazes, 95 % intervals"
+    )
     save(figure, out / "ratios.png", dpi=150)

@@ -9,10 +9,13 @@ from typing import Any
 from scipy.stats import kendalltau
 
 from train.experiments.committed import grouped, read_table
+from train.reports.figures import BLUE, ORANGE, log_axis, pyplot, save, tidy
 from train.reports.tables import plain_table
 
 LATER = 20
 """The first snapshot of the later half."""
+SHOWN = 9
+"""The seed of the figure, the only one that supports the claim."""
 APART = ((1, 1), (2, 3), (4, 7), (8, 15), (16, 39))
 """Ranges of how many snapshots two are apart."""
 Row = dict[str, Any]
@@ -60,6 +63,28 @@ def pairs(rows: list[Row]) -> list[Row]:
             line[head] = f"{100.0 * fmean(parted):.1f} %"
         found.append(line)
     return found
+
+
+def figures(data: Path, out: Path) -> None:
+    """Elo and exploitability of both sides over frames, of one run."""
+    rows = [row for row in read_table(data / "snapshots.csv") if row["seed"] == SHOWN]
+    figure, (above, below) = pyplot().subplots(
+        2, 1, figsize=(7.2, 6.0), sharex=True, layout="constrained"
+    )
+    for (role, own), color in zip(grouped(rows, "role").items(), (ORANGE, BLUE), strict=True):
+        frames = [row["frames"] / 1e6 for row in own]
+        style = {"marker": "o", "ms": 4.0, "lw": 1.3, "color": color, "label": f"{role}s"}
+        above.plot(frames, [row["elo"] for row in own], **style)
+        below.plot(frames, [row["exploitability"] for row in own], **style)
+    log_axis(below, "y")
+    above.set_title(f"Snapshots of self-play on 5x5-tree, seed {SHOWN}", fontsize=11)
+    above.set_ylabel("Elo")
+    below.set_ylabel("exact exploitability (discounted steps)")
+    below.set_xlabel("frames (millions)")
+    above.legend(frameon=False)
+    tidy(above)
+    tidy(below)
+    save(figure, out / "seed9.png")
 
 
 def tables(data: Path) -> dict[str, str]:

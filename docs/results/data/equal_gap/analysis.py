@@ -1,4 +1,4 @@
-"""Tables of docs/results/equal_gap.md, from the rows of make_rows.py."""
+"""Tables and figure of docs/results/equal_gap.md, from the rows of make_rows.py."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 
 from train.experiments.committed import read_table
 from train.experiments.statistics import holm, mean_interval, sign_flip_p
+from train.reports.figures import PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
 CURRICULA = ("none", "start-distance", "opponent-epsilon")
@@ -73,3 +74,14 @@ def tables(data: Path) -> dict[str, str]:
         claims.append(line | {"p": f"{p:.2g}"})
     found = {"differences": claims, "similarities": alike, "runs": ends}
     return {title: plain_table(rows).markdown() for title, rows in found.items()}
+
+
+def figures(data: Path, out: Path) -> None:
+    """Of every maze the difference of the similarities, with the mean and its interval."""
+    pairs, shown = read_table(data / "pairs.csv"), list[PlottedEstimate]()
+    for name, curricula in CLAIMS.items():
+        values = differences(pairs, curricula)
+        shown.append(PlottedEstimate(name, fmean(values), *mean_interval([values]), values))
+    label = "rank correlation within one curriculum\nminus that between two (0: no difference)"
+    title = "Similarity of errors at a gap of 5 %: twelve mazes (strokes), mean, 95 % interval"
+    draw_intervals(out / "differences.png", {label: ("linear", shown)}, title, also="png")

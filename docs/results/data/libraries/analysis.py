@@ -1,4 +1,4 @@
-"""Tables of docs/results/libraries.md: our PPO beside that of other libraries.
+"""Tables and figure of docs/results/libraries.md: our PPO beside that of other libraries.
 
 Those of the next comparison need seconds.csv and frames.csv: the runs.csv in the reports of
 `pursuit compare --version full` and `pursuit compare ppo-frames --version full`.
@@ -14,6 +14,7 @@ from typing import Any
 from train.experiments.committed import grouped, read_table
 from train.experiments.recorded import read_recorded
 from train.experiments.statistics import holm, permutation_p
+from train.reports.figures import PALETTE, legend_beside, log_axis, pyplot, save, tidy
 from train.reports.tables import plain_table
 
 NAMES = {
@@ -34,6 +35,11 @@ Row = dict[str, Any]
 def two_digits(value: float) -> str:
     """A number with two digits, or without a fraction."""
     return f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
+
+
+def column(unit: str, gap: int) -> str:
+    """The name of the column of the times of the sampled policy to a gap."""
+    return f"{unit}_to_{gap}_percent_sampled"
 
 
 def times(rows: Sequence[Row], column: str) -> list[float]:
@@ -62,7 +68,7 @@ def contestants(data: Path) -> str:
             ("1 goal", one, (1,)), ("3 goals", three, GAPS), ("chaser 7x7", chaser, (5, 1))
         ):  # fmt: skip
             for gap in gaps:
-                values = times(runs, f"seconds_to_{gap}_percent_sampled")
+                values = times(runs, column("seconds", gap))
                 line[f"{task}: to {gap} %"] = shown(values)
             if runs is not one:
                 ends = [two_digits(100.0 * each(r["sampled"] for r in runs)) for each in (min, max)]
@@ -117,3 +123,39 @@ def tables(data: Path) -> dict[str, str]:
             found[f"next comparison, {unit}"] = next_runs(rows, unit)
             found[f"next comparison, tests in {unit}"] = next_tests(rows, unit)
     return found
+
+
+def figures(data: Path, out: Path) -> None:
+    """Of every task the seconds and the frames of runs to a gap, and their median where it is one
+    of a run that arrived."""
+    tasks = {
+        task: grouped(rows, "contestant")
+        for task, rows in grouped(read_table(data / "runs.csv"), "task").items()
+    }
+    size = {"figsize": (10.5, 5.6), "sharex": True, "sharey": "row", "layout": "constrained"}
+    figure, axes = pyplot().subplots(2, len(tasks), **size)
+    for axis, task in zip(axes[0], tasks, strict=True):
+        axis.set_title(task, fontsize=11)
+    for unit, line in zip(("seconds", "frames"), axes, strict=True):
+        scale = 1e-6 if unit == "frames" else 1.0
+        for axis, own in zip(line, tasks.values(), strict=True):
+            for place, (name, label) in enumerate(NAMES.items()):
+                found: list[tuple[float, float]] = []
+                for number, gap in enumerate(GAPS):
+                    at, runs = number + 0.14 * (place - 1.5), times(own[name], column(unit, gap))
+                    reached = [scale * time for time in runs if time < NEVER]
+                    style: Row = {"color": PALETTE[place], "alpha": 0.5, "ms": 3}
+                    axis.plot([at] * len(reached), reached, "o", **style)
+                    if median(runs) < NEVER:
+                        found.append((at, scale * median(runs)))
+                ends = zip(*found, strict=True) if found else ([], [])
+                axis.plot(*ends, "-D", ms=6, color=PALETTE[place], label=label)
+            axis.set_xticks(range(len(GAPS)), [f"{gap} %" for gap in GAPS])
+            tidy(axis)
+        log_axis(line[0], "y")
+    for axis in axes[1]:
+        axis.set_xlabel("gap to the optimum")
+    axes[0, 0].set_ylabel("processor seconds to the gap")
+    axes[1, 0].set_ylabel("million frames to the gap")
+    legend_beside(figure, axes.flat)
+    save(figure, out / "to_gaps.png", dpi=110)

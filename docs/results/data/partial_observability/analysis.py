@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from train.experiments.committed import grouped, read_table
+from train.reports.figures import PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
 Row = dict[str, Any]
@@ -38,6 +39,22 @@ def scripted(rows: list[Row]) -> list[Row]:
         shown = {row["chaser"]: f"{row['mean_steps']:.2f} ({row['ci95']:.2f})" for row in own}
         found.append({"view": view} | {name: shown.get(name, "") for name in names})
     return found
+
+
+def figures(data: Path, out: Path) -> None:
+    """How much a limited view costs, as proven; a dot is the policy that was computed."""
+    rows = [row for row in read_table(data / "bounds.csv") if row["maze"] == "5x5"]
+    (full,) = (row["lower"] for row in rows if row["radius"] is None)
+    found = []
+    for row in rows:
+        if row["radius"] is not None:
+            low, high = (100.0 * (row[end] / full - 1.0) for end in ("lower", "upper"))
+            name = f"{row['radius']:g}" if row["radius"] else "0 (own cell)"
+            found.append(PlottedEstimate(name, high, low, high))
+    label = "more discounted steps than with full view (%)"
+    title = "Optimal chaser with a limited view, 5x5\nbar: proven interval, dot: computed policy"
+    panels = {label: ("linear", found)}
+    draw_intervals(out / "bounds.png", panels, title, "view radius", also="png")
 
 
 def tables(data: Path) -> dict[str, str]:

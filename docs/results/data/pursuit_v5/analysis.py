@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
+from textwrap import fill
 from typing import Any
 
 from train.experiments.committed import grouped, read_table
-from train.experiments.statistics import mean_interval
+from train.experiments.statistics import NAN, mean_interval
+from train.reports.figures import BLUE, GREY, ORANGE, PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
 NAMES = {
@@ -21,6 +24,19 @@ NAMES = {
     "astar": "A* chasers, which see everything",
     "random": "random",
 }
+CHANGES: dict[str, dict[str, Any]] = {
+    "none": {},
+    "shared rewards": {"rewards": "pursuit_v5"},
+    "windows divided by 30": {"observation": "pursuit_v5"},
+    "no number of the agent": {"agent_id": False},
+    "learning rate 0.002": {"learning_rate": 0.002},
+    "entropy bonus 0.003": {"entropy_coef": 0.003},
+    "discount 0.99": {"gamma": 0.99},
+    "lambda 0.8": {"gae_lambda": 0.8},
+    "minibatches of 16,384": {"minibatch_size": 16384},
+    "shared layers": {"shared": True},
+}
+"""What pilots change in the preset, one at a time."""
 URGENCY = 0.8
 """What the eight agents lose together in a step."""
 Row = dict[str, Any]
@@ -64,6 +80,21 @@ def runs(path: Path) -> str:
     return plain_table(found).markdown()
 
 
+def changes(path: Path) -> str:
+    """The returns of pilots, a number for each run."""
+    rows, found = read_table(path), []
+    for name, change in CHANGES.items():
+        own = [row for row in rows if json.loads(row["settings"]) == change]
+        places = grouped(own, "played_in")
+        shown = {
+            head: ", ".join(f"{row['mean_return']:.0f}" for row in places.get(place, []))
+            for head, place in (("returns", "pettingzoo"), ("greedy", "pettingzoo, greedy"))
+        }
+        steps = mean_of(places["pettingzoo"], "agent_steps") / 1e6 if own else 0.0
+        found.append({"change": name, **shown, "million agent steps": f"{steps:.1f}"})
+    return plain_table(found).markdown()
+
+
 def published(data: Path) -> str:
     """The highest points of published learning curves."""
     found: list[Row] = [
@@ -78,7 +109,24 @@ def published(data: Path) -> str:
     return plain_table(found).markdown()
 
 
+def figures(data: Path, out: Path) -> None:
+    """The returns of all teams, a dot for their mean and a stroke for each run."""
+    rows = [row for row in read_table(data / "runs.csv") if row["played_in"] == "pettingzoo"]
+    rows.sort(key=lambda row: [*NAMES].index(row["learner"]))
+    found = []
+    for (learner, seconds), own in grouped(rows, "learner", "seconds").items():
+        values = [row["mean_return"] for row in own]
+        ends = mean_interval([values]) if len(values) > 1 else (NAN, NAN)
+        label = NAMES[learner] + (f", {seconds / 60:.0f} minutes" if seconds else "")
+        color = ORANGE if learner == "sb3" else BLUE if seconds else GREY
+        found.append(PlottedEstimate(fill(label, 30), fmean(values), *ends, values, color))
+    label = "return of an agent in PettingZoo's pursuit_v5"
+    draw_intervals(out / "returns.png", {label: ("linear", found)}, "", also="png")
+
+
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
     found = {name: runs(data / f"{name}.csv") for name in ("runs", "former")}
+    if (data / "pilots.csv").exists():
+        found["changes"] = changes(data / "pilots.csv")
     return {**found, "published": published(data)}

@@ -1,16 +1,29 @@
-"""The second table of docs/results/arm.md: learners on the arm with one joint."""
+"""The first table of docs/results/arm.md: learners on the arm with one joint."""
 
 from __future__ import annotations
 
+from math import nan
 from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 from train.experiments.committed import grouped
 from train.experiments.recorded import read_recorded
+from train.reports.figures import PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
 Row = dict[str, Any]
+
+
+def figures(data: Path, out: Path) -> None:
+    """The gaps of all runs and their medians."""
+    found = []
+    for name, own in grouped(read_recorded(data / "runs.csv").values(), "variant").items():
+        gaps = [100.0 * row["optimality_gap"] for row in own]
+        found.append(PlottedEstimate(name.partition(", ")[2], median(gaps), nan, nan, gaps))
+    panels = {"gap to the least steps (%)": ("log", found)}
+    title = "Arm with one joint after 60 s: ten seeds and their median"
+    draw_intervals(out / "gaps.png", panels, title, also="png")
 
 
 def tables(data: Path) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Tables of docs/results/rules.md, from the rows of make_rows.py."""
+"""Tables of docs/results/rules.md and the README here, from the rows of make_rows.py."""
 
 from __future__ import annotations
 
@@ -11,6 +11,27 @@ from train.reports.tables import plain_table
 Row = dict[str, Any]
 
 
+def share_text(share: float) -> str:
+    """A share in per cent; with a digit behind the point unless it is 0 or 1."""
+    return f"{100.0 * share:.{int(0 < share < 1)}f}"
+
+
+def in_short(rows: list[Row]) -> list[Row]:
+    """By order of moves and rule the least and the greatest share of forced captures of all mazes
+    that have a row, for one to four chasers."""
+    found = []
+    for order, name in {"at once": "forced", "in turns": "turns_forced"}.items():
+        for rule, own in grouped(rows, "rule").items():
+            line: Row = {"moves": order, "rule": rule}
+            for count in range(1, 5):
+                shares = [r[name] for r in own if r["chasers"] == count and r[name] is not None]
+                ends = dict.fromkeys(map(share_text, (min(shares), max(shares)))) if shares else ()
+                text = f"{' to '.join(ends)} %" if shares else ""
+                line["1 chaser" if count == 1 else f"{count} chasers"] = text
+            found.append(line)
+    return found
+
+
 def capture(rows: list[Row], share: str, value: str, digits: int) -> list[Row]:
     """By maze and rule, for one to four chasers, the share of forced captures and a value."""
     found = []
@@ -20,9 +41,7 @@ def capture(rows: list[Row], share: str, value: str, digits: int) -> list[Row]:
         for count in range(1, 5):
             row, text = by_team.get(count, {}), ""
             if row.get(share) is not None:
-                text = (
-                    f"{100.0 * row[share]:.{int(0 < row[share] < 1)}f} %, {row[value]:.{digits}f}"
-                )
+                text = f"{share_text(row[share])} %, {row[value]:.{digits}f}"
             line["1 chaser" if count == 1 else f"{count} chasers"] = text
         found.append(line)
     return found
@@ -61,6 +80,7 @@ def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
     rows = {n: read_table(data / f"{n}.csv") for n in ("capture", "classical", "escape")}
     found = {
+        "forced captures in short": in_short(rows["capture"]),
         "moves at once": capture(rows["capture"], "forced", "mean_steps", 2),
         "moves in turns": capture(rows["capture"], "turns_forced", "turns_rounds", 0),
         "classical domain": classical(rows["classical"]),

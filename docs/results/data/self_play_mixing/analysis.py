@@ -1,4 +1,5 @@
-"""Tables and figures of docs/results/self_play_mixing.md, the study of self-play by mixed share.
+"""Tables and figures of docs/results/self_play_mixing.md and the READMEs here and in
+../self_play_entropy: the study of self-play by mixed share.
 
 The runs with exchanged entropy bonuses are in ../self_play_entropy/runs.csv.
 """

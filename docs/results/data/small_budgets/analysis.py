@@ -1,4 +1,4 @@
-"""The last table of docs/results/hyperparameters.md: defaults for small budgets."""
+"""The last table of README.md: defaults for small budgets."""
 
 from __future__ import annotations
 

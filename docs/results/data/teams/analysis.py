@@ -21,6 +21,7 @@ from train.experiments.statistics import (
     ratio_with_interval,
     sign_flip_p,
 )
+from train.reports.figures import BLUE, ORANGE, PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
 LEARNERS = ("separate", "ippo", "mappo", "joint", "vdn")
@@ -280,6 +281,55 @@ def cell_gaps(units: dict[str, list[Unit]]) -> list[Row]:
             line[name] = f"{100.0 * team_part(row):.1f} ({100.0 * own_part(row):.1f})"
         found.append(line)
     return found
+
+
+# -- figures ---------------------------------------------------------------------------------------
+
+
+def mappo_against_ippo(unit: Unit) -> float:
+    """The logarithm of the ratio of their gaps."""
+    return level(unit, CELLS[-1]) - level(unit, CELLS[0])
+
+
+def draw_ratios(path: Path, units: dict[str, list[Unit]]) -> None:
+    """The claims on critics and layers as ratios, and MAPPO against IPPO, which differs in both."""
+    found = []
+    for budget, color in (("steps", BLUE), ("seconds", ORANGE)):
+        lines = {"mappo against ippo": [mappo_against_ippo(unit) for unit in units[budget]]}
+        for claim in cell_claims(units):
+            name, _, own = claim.text.partition(", equal ")
+            if own == budget:
+                lines[name.partition(",")[0]] = claim.values
+        for name, logs in lines.items():
+            points = [exp(value) for value in logs]
+            label = "vdn against iql" if name == LAST[1] else name
+            label = "without the agent's number" if label == "no number" else label
+            ends = ratio_with_interval(logs)
+            found.append(PlottedEstimate(label, *ends, points, color, f"equal {budget}"))
+    label = "ratio of gaps, below 1: the named learner is nearer"
+    title = "Gaps to the best team response:\nmeans of nine mazes, 95 % intervals"
+    draw_intervals(path, {label: ("ratio", found)}, title, also="png")
+
+
+def draw_gaps(path: Path, units: Sequence[Unit]) -> None:
+    """The gaps of five learners under three rules."""
+    panels = {}
+    for rule in RULES:
+        found = []
+        parts = (("optimality_gap", "team", BLUE), ("members_gap", "members alone", ORANGE))
+        for name, (column, group, color) in product(LEARNERS, parts):
+            gaps = [100.0 * max(unit[name, rule][column], LEAST_GAP) for unit in units]
+            ends = ratio_with_interval([log(gap) for gap in gaps])
+            found.append(PlottedEstimate(name, *ends, gaps, color, group))
+        panels[f"{rule}: gap (%)"] = ("log", found)
+    title = "Gaps to the best team response, geometric means and 95 % intervals over 14 units"
+    draw_intervals(path, panels, title, also="png")
+
+
+def figures(data: Path, out: Path) -> None:
+    """Both figures: of the page, and of the former study."""
+    draw_ratios(out / "ratios.png", cells_in(data))
+    draw_gaps(out / "gaps.png", [unit for own in units_in(data).values() for unit in own])
 
 
 def tables(data: Path) -> dict[str, str]:

@@ -64,6 +64,23 @@ def claims(studies: dict[str, list[Row]]) -> list[Row]:
     ]
 
 
+def verdicts(decided: list[Row]) -> list[Row]:
+    """By study the claims of every verdict; claims about several mazes once, with the mazes."""
+    found = []
+    for study, rows in grouped(decided, "study").items():
+        line: Row = {"figure": study}
+        for verdict in ("confirmed", "refuted", "undecided"):
+            texts = []
+            for text, own in grouped(rows, "claim", "verdict").items():
+                mazes = " and ".join(row["of"].split(", ")[-1] for row in own)
+                if text[1] == verdict:
+                    said = text[0].removesuffix(".")
+                    texts.append(f"{said} on {mazes}" if len(own) > 1 else said)
+            line[verdict] = "; ".join(texts)
+        found.append(line)
+    return found
+
+
 def gaps(studies: dict[str, list[Row]]) -> list[Row]:
     """The gap of every setting."""
     found = []
@@ -84,5 +101,6 @@ def gaps(studies: dict[str, list[Row]]) -> list[Row]:
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
     studies = grouped(read_recorded(data / "runs.csv").values(), "study")
-    found = {"claims": claims(studies), "gaps": gaps(studies)}
+    decided = claims(studies)
+    found = {"verdicts": verdicts(decided), "claims": decided, "gaps": gaps(studies)}
     return {title: plain_table(rows).markdown() for title, rows in found.items()}
