@@ -42,7 +42,7 @@ lint: $(SETUP)
 # pages are tested: examples, commands, tables and numbers; long sentences are listed; the site is opened in a browser if there is one.
 docs: $(SETUP)
 	$(PIP) '.[docs]'
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 DISABLE_MKDOCS_2_WARNING=true $(BIN)/mkdocs build --strict
 	$(BIN)/python tools/long_sentences.py
 	$(BIN)/python -m pytest -n 2 --dist worksteal tests/docs
 	@echo "open build/docs/index.html"
