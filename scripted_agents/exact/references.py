@@ -192,11 +192,12 @@ def _why_no_bounds(asked: Question) -> str | None:
 
 
 def _why_no_team(asked: Question) -> str | None:
-    """Several chasers and one evader without goals, or a duel with options of the rules, at random
-    starts, work MAX_EXACT_WORK; with exits or turns in final results MAX_FINAL_WORK. Exact: the
+    """One or several chasers and one evader without goals, other than duels, at random starts:
+    work up to MAX_EXACT_WORK; with exits or turns up to MAX_FINAL_WORK in final results. Exact: the
     best response of the agent, mean steps over all starts; with exits captures - escapes. A whole
-    team that learns, against any number of evaders or chasers, work as above; in final results
-    MAX_TEAM_WORK. Exact: its best response as one player."""
+    team that learns, without goals, against any number of evaders or chasers: work up to
+    MAX_EXACT_WORK during training, MAX_TEAM_WORK in final results. Exact: its best response as one
+    player."""
     task, policies, most = asked.task, asked.policies, asked.most_work
     if asked.team:
         return f"{task.num_goals} goal(s)" if task.num_goals else _why_no_joint(asked)
@@ -208,9 +209,10 @@ def _why_no_team(asked: Question) -> str | None:
 
 
 def _why_no_joint(asked: Question) -> str | None:
-    """Any other game, work MAX_WORK; in final results, `pursuit evaluate` and `pursuit baseline`
-    MAX_EVALUATED_WORK. Exact: the best response of the agent from the starts of the evaluation, in
-    steps; races in goals, heists in return, with exits captures - escapes."""
+    """Any other game with full view of the agent: work up to MAX_WORK at the start of a run; up to
+    MAX_EVALUATED_WORK in final results, `pursuit evaluate` and `pursuit baseline`. Exact: the best
+    response of the agent from the starts of the evaluation, in steps; races in goals, heists in
+    return, with exits captures - escapes."""
     task, seats = asked.task, asked.seats
     hidden = why_hidden(task, seats or range(task.num_agents))  # for NashConv all respond
     if hidden is not None or is_single_runner(task):
