@@ -32,12 +32,13 @@ from train.runs.folder import RUN
 from train.runs.parts import contest_of
 from train.settings.task import TaskSettings
 
-TITLE = "A chaser after 400,000 frames of PPO, against an A* evader with epsilon 0.2"
 DOCS = Path(__file__).parent
 VIEWER, ANIMATION = DOCS / "live" / "viewer.json", DOCS / "front.gif"
 CHASE: dict[str, Any] = {"task": "chase", "role": "chaser", "maze": "7x7", "opponent_epsilon": 0.2}
 FRAMES = 400_000
 """Of training: the chaser then catches from every start, and visibly later than the optimum."""
+LEARNED = f"PPO after {FRAMES:,} frames"
+TITLE = f"A chaser after {FRAMES:,} frames of PPO, against an A* evader with epsilon 0.2"
 EPISODES, TRIED, SEED = 4, 40, 5_000_000
 PLAYED = 200
 """Starts of games to play; then they come again."""
@@ -119,13 +120,10 @@ def draw(contest: GameContest, policy: Any) -> None:
     best = contest.best_policy()
     lost = contest.play(policy)[0] - contest.play(best)[0]
     number = int(lost.argmax())
-    learned = shown(contest, policy, number, "PPO, 400,000 frames", False)
+    learned = shown(contest, policy, number, LEARNED, False)
     optimal = shown(contest, best, number, "optimal", True)
     pairs = zip_longest(learned, optimal)
-    scenes, last = [], (learned[0], optimal[0])
-    for left, right in pairs:
-        last = (left or last[0], right or last[1])
-        scenes.append(Beside(*last))
+    scenes = [Beside(left or learned[-1], right or optimal[-1]) for left, right in pairs]
     save_animation(ANIMATION, scenes, fps=3, size=320)
 
 
@@ -140,7 +138,7 @@ def main() -> None:
     contest: Any = contest_of(settings.task, EPISODES, SEED)
     builder = Builder()
     names = {f"episode {number + 1}": number for number in range(EPISODES)}
-    add_compared(builder, contest, policy, names, f"PPO after {FRAMES:,} frames")
+    add_compared(builder, contest, policy, names, LEARNED)
     data = builder.data(TITLE)
     VIEWER.parent.mkdir(exist_ok=True)
     VIEWER.write_text(json.dumps(data, separators=(",", ":")) + "\n", encoding="utf-8")

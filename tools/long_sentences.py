@@ -5,6 +5,7 @@ python tools/long_sentences.py [PAGE ...]
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -30,7 +31,7 @@ def main() -> None:
     pages = [page for page in sorted((ROOT / "docs").rglob("*.md")) if data not in page.parents]
     for page in map(Path, sys.argv[1:] or [ROOT / "README.md", *pages]):
         for sentence in long_sentences(page.read_text(encoding="utf-8")):
-            name, words = page.resolve().relative_to(ROOT), len(sentence.split())
+            name, words = os.path.relpath(page), len(sentence.split())
             print(f"{name}: {words} words: {sentence[:100]} ...")
 
 

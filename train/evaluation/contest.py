@@ -466,8 +466,11 @@ class GameContest(MazeContest):
     def lost_by_start(self, policy: Policy) -> NDArray[np.float64] | None:
         """As `Contest`: in duels of tables exact, the mean over the opponent's start cells; for a
         runner alone over the starts of the evaluation."""
-        task, best = self.task, self.optimal_lengths()
-        if best is None or len(task.mazes) > 1 or not self.measure.by_steps:
+        task = self.task
+        if len(task.mazes) > 1 or not self.measure.by_steps:
+            return None
+        best = self.optimal_lengths()
+        if best is None:
             return None
         if self.is_exact_for(policy) and not self.is_limited:
             tables, response = (table_in(task, policy), self.opponent_table()), self.best_in()

@@ -50,7 +50,7 @@ def section(title: str, *parts: str) -> list[str]:
 
 
 def embedded_picture(path: Path, text: str) -> Html:
-    """An embedded picture, or the .svg beside it; empty if the file does not exist."""
+    """An embedded picture, as `_embedded`; empty if the file does not exist."""
     if not path.is_file():
         return Html()
     return Html(f'<figure><img alt="{escape(text)}" src="{_embedded(path)}"></figure>')
@@ -106,8 +106,11 @@ def page_of(report: Path) -> Path:
 
 
 def _embedded(path: Path) -> str:
-    """The content of a picture, or of the .svg beside it, as a data URL."""
-    path = drawn if (drawn := path.with_suffix(".svg")).is_file() else path
+    """The content of a picture as a data URL, of the .svg beside it unless that is older: then it
+    is of a former report. Links may lead to other folders, and are not followed."""
+    drawn = path.with_suffix(".svg")
+    if drawn.is_file() and not drawn.is_symlink():
+        path = max(path, drawn, key=lambda each: each.stat().st_mtime_ns)
     content = base64.b64encode(path.read_bytes()).decode("ascii")
     return f"data:{MEDIA_TYPES[path.suffix]};base64,{content}"
 

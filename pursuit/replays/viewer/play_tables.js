@@ -1,10 +1,10 @@
 // The answers to moves in a page without a server: a duel from tables, which the rules have filled
-// (see docs/live_pages.py). Cells of the user's agent come first in all of them.
+// (see docs/live_pages.py). The user is the first agent.
 
 function answer(state, what, content) {
   const { tables, board, frame, game } = state;
   const cells = [...frame.last];
-  const own = board.you, other = 1 - own;
+  const own = 0, other = 1;
   const next = { ...state, warning: "", rows: [], over: false };
   const count = board.cells.length, actions = board.actions.length;
 

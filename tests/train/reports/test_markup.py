@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -98,3 +99,21 @@ def test_the_report_of_a_sweep_has_no_markup_of_others(tmp_path: Path) -> None:
     page = body_of(out / "report" / "report.html")
     assert all(address.startswith("data:image/") for address in page.addresses)
     assert hostile in page.text and "b" not in page.tags
+
+
+def test_a_page_has_the_newer_of_two_formats_of_a_picture(tmp_path: Path) -> None:
+    """A former report may have left an .svg; a link to another folder is not followed."""
+    (tmp_path / "outside").mkdir()
+    report, picture, drawn = (tmp_path / name for name in ("r.md", "p.png", "p.svg"))
+    report.write_text("# A\n\n![p](p.png)\n")
+    picture.write_bytes(b"picture")
+    os.utime(picture, (2, 2))
+    for seconds, form in ((1, "image/png"), (3, "image/svg+xml")):
+        drawn.write_text("<svg/>")
+        os.utime(drawn, (seconds, seconds))
+        (address,) = Tags(page_of(report).read_text()).addresses[-1:]
+        assert address.startswith(f"data:{form};")
+    (tmp_path / "outside" / "secret").write_text("secret")
+    drawn.unlink()
+    drawn.symlink_to(tmp_path / "outside" / "secret")
+    assert Tags(page_of(report).read_text()).addresses[-1].startswith("data:image/png;")
