@@ -74,10 +74,15 @@ def add_notebook(notebook: Path, files: Files, config: Any) -> None:
     files.append(File.generated(config, page, content=body))
 
 
+COMMANDS = re.compile(r"^```\n(?=(?:pursuit|make|pip|python|OMP_NUM_THREADS=1) )", re.MULTILINE)
+"""Where a block of commands begins."""
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Links to notebooks lead to their pages, and those to files beside docs/ to theirs.
 
-    The search lists guides and tutorials before the many entries of the API and of results.
+    Blocks of commands are named, since long ones wrap (docs/extra.css). The search lists guides
+    and tutorials before the many entries of the API and of results.
     """
     if page.file.src_uri.startswith(("guides/", "tutorials/")):
         page.meta["search"] = {"boost": 4}
@@ -85,11 +90,17 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         page.meta["search"] = {"boost": 0.5}
     for name, page in FROM_THE_ROOT.items():
         markdown = markdown.replace(f"](../../{name}", f"](../{page}")
+    markdown = COMMANDS.sub("``` { .text .commands }\n", markdown)
     return re.sub(r"\]\(((?:\.\./)?notebooks/\w+)\.ipynb\)", r"](\1.md)", markdown)
 
 
 SHIM = "https://unpkg.com/iframe-worker/shim"
 """What the theme would load from elsewhere for searching in pages opened from the disk."""
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Options such as --num-games do not break at their hyphens."""
+    return re.sub(r"<code>(?=-[\w-]+</code>)", '<code class="option">', html)
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:

@@ -72,7 +72,7 @@ function choicesTable(name, choice, next, other = "best response") {
   const row = (kind, ...parts) => make("tr", {}, ...parts.map((part, place) => make(kind, { class: place ? "number" : "" }, part)));
   const share = (part, kind) => {
     const bar = make("span", { class: `bar ${kind}` });
-    bar.style.width = `${3 * part}rem`; // as an attribute it would be blocked
+    bar.style.width = `${1.6 * part}rem`; // as an attribute it would be blocked
     return make("span", {}, bar, `${(100 * part).toFixed(1)} %`);
   };
   const isPlayed = (place) => choice.played[place] >= 0.0005 || choice.best[place] > 0;
