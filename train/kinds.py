@@ -240,7 +240,8 @@ def with_budget(
     )
     if not stretch and any(hyper.anneal for hyper in settings.learners):
         warnings.warn(
-            f"{folder}: the learning rate was annealed to 0 and stays there; add --stretch, or "
+            f"{folder}: the learning rate is annealed to 0 at {before:,.10g} {unit}, its former "
+            "budget, and stays there; add --stretch, or "
             f"start a new run from its weights by --init-from {folder}",
             stacklevel=3,
         )
