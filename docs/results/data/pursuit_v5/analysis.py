@@ -9,8 +9,10 @@ from statistics import fmean
 from textwrap import fill
 from typing import Any
 
+from scipy.stats import ttest_1samp, ttest_ind
+
 from train.experiments.committed import grouped, read_table
-from train.experiments.statistics import NAN, mean_interval
+from train.experiments.statistics import NAN, difference_interval, holm, mean_interval
 from train.reports.figures import BLUE, GREY, ORANGE, PlottedEstimate, draw_intervals
 from train.reports.tables import plain_table
 
@@ -42,6 +44,11 @@ URGENCY = 0.8
 Row = dict[str, Any]
 
 
+def order(row: Row) -> tuple[int, float]:
+    """The place of a run in tables and figures."""
+    return [*NAMES].index(row["learner"]), row["seconds"]
+
+
 def mean_of(rows: Sequence[Row], name: str) -> float:
     """The mean of a column."""
     return fmean(row[name] for row in rows)
@@ -59,7 +66,7 @@ def returns_of(rows: Sequence[Row]) -> str:
 def runs(path: Path) -> str:
     """A row for every learner and its seconds, by runs in PettingZoo."""
     rows = [row for row in read_table(path) if row["played_in"].startswith("pettingzoo")]
-    rows.sort(key=lambda row: [*NAMES].index(row["learner"]))
+    rows.sort(key=order)
     found = []
     for (learner, seconds), own in grouped(rows, "learner", "seconds").items():
         places = grouped(own, "played_in")
@@ -80,9 +87,33 @@ def runs(path: Path) -> str:
     return plain_table(found).markdown()
 
 
+def endpoints(path: Path) -> str:
+    """The three endpoints of the protocol, with two-sided tests of Student and of Welch."""
+    rows = [row for row in read_table(path) if row["played_in"] == "pettingzoo"]
+    values = {
+        key: [row["mean_return"] for row in own]
+        for key, own in grouped(rows, "learner", "seconds").items()
+    }
+    ten, hour, other = (values[key] for key in (("ippo", 600), ("ippo", 3600), ("sb3", 600)))
+    found: list[tuple[str, float, tuple[float, float], float]] = [
+        (f"return of the preset after {minutes} minutes, above {least}", fmean(own),
+         mean_interval([own]), float(ttest_1samp(own, least).pvalue))
+        for minutes, own, least in ((10, ten, 45), (60, hour, 81))
+    ]  # fmt: skip
+    p = float(ttest_ind(ten, other, equal_var=False).pvalue)
+    apart = difference_interval([ten], [other])
+    found.append(("preset less Stable-Baselines3, 10 minutes", fmean(ten) - fmean(other), apart, p))
+    ps = holm([p for *_, p in found])
+    return plain_table([
+        {"endpoint": name, "estimate [95 %]": "{:.1f} [{:.1f}, {:.1f}]".format(value, *ends),
+         "p (Holm)": f"{p:.2g}"}
+        for (name, value, ends, _), p in zip(found, ps, strict=True)
+    ]).markdown()  # fmt: skip
+
+
 def changes(path: Path) -> str:
     """The returns of pilots, a number for each run."""
-    rows, found = read_table(path), []
+    rows, found = [row for row in read_table(path) if row["seconds"] == 120], []
     for name, change in CHANGES.items():
         own = [row for row in rows if json.loads(row["settings"]) == change]
         places = grouped(own, "played_in")
@@ -112,7 +143,7 @@ def published(data: Path) -> str:
 def figures(data: Path, out: Path) -> None:
     """The returns of all teams, a dot for their mean and a stroke for each run."""
     rows = [row for row in read_table(data / "runs.csv") if row["played_in"] == "pettingzoo"]
-    rows.sort(key=lambda row: [*NAMES].index(row["learner"]))
+    rows.sort(key=order)
     found = []
     for (learner, seconds), own in grouped(rows, "learner", "seconds").items():
         values = [row["mean_return"] for row in own]
@@ -127,6 +158,7 @@ def figures(data: Path, out: Path) -> None:
 def tables(data: Path) -> dict[str, str]:
     """The tables by title."""
     found = {name: runs(data / f"{name}.csv") for name in ("runs", "former")}
+    found["endpoints"] = endpoints(data / "runs.csv")
     if (data / "pilots.csv").exists():
         found["changes"] = changes(data / "pilots.csv")
     return {**found, "published": published(data)}
