@@ -131,7 +131,7 @@ def _write_mp4(path: Path, frames: Iterator[Image.Image], fps: float) -> None:
         ffmpeg = importlib.import_module("imageio_ffmpeg")
     except ImportError:
         raise ImportError(
-            f"{path.suffix} needs imageio-ffmpeg: pip install 'pursuit[render]', or write a .gif"
+            "an MP4 file needs imageio-ffmpeg: pip install 'pursuit[render]', or write a .gif"
         ) from None
     last = next(frames)
     options = {"macro_block_size": 2, "quality": 8, "output_params": ["-f", "mp4"]}

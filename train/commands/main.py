@@ -155,8 +155,20 @@ def run_command(given: list[str]) -> None:
         command(name)(rest)
 
 
+OPTIONAL = {
+    "pygame": "render",
+    "onnx": "export",
+    "onnxruntime": "export",
+    "onnxscript": "export",
+    "minari": "export",
+}
+"""The extras with packages that are imported by others, which do not name them."""
+
+
 def message_of(error: Exception) -> str:
     """The message of an error; of system errors without their number."""
+    if isinstance(error, ModuleNotFoundError) and error.name in OPTIONAL:
+        return f"{error.name} is not installed; pip install 'pursuit[{OPTIONAL[error.name]}]'"
     if isinstance(error, OSError) and error.strerror and error.errno is not None:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return str(error)

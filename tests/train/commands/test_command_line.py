@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 import shlex
 import socket
+import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +16,12 @@ import pytest
 import torch
 from command_errors import error_of, run
 
-from train.commands.main import COMMANDS, main, message_of
+from train.commands.main import COMMANDS, OPTIONAL, main, message_of
 from train.experiments.executors import check_answers
 from train.runs.folder import read_metrics
 from train.runs.report import describe_loops
+
+ROOT = Path(__file__).parents[3]
 
 TINY = [
     *("--maze", "3x3", "--num-games", "16", "--rollout-steps", "8", "--minibatch-size", "64"),
@@ -274,6 +279,20 @@ def test_system_errors_are_reported_without_their_number(tmp_path: Path) -> None
     with pytest.raises(OSError) as caught:
         (tmp_path / "missing").read_text()
     assert message_of(caught.value) == f"{tmp_path / 'missing'}: No such file or directory"
+
+
+@pytest.mark.parametrize("name", OPTIONAL)
+def test_a_missing_package_is_named_with_its_extra(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ModuleNotFoundError) as caught:
+        importlib.import_module(name)
+    extra = re.search(r"pip install 'pursuit\[(\w+)\]'", message_of(caught.value))
+    assert extra is not None
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    packages = project["optional-dependencies"][extra[1]]
+    assert any(package.startswith(name) for package in packages)
 
 
 def test_every_command_has_a_help_that_names_its_options(
