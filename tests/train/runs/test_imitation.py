@@ -178,7 +178,7 @@ def test_a_run_whose_imitation_is_over_does_not_need_the_policy(kind: str, tmp_p
         run.lock and run.lock.release()
     model.rename(tmp_path / "elsewhere")
     resume(tmp_path / "run 500", kind).train()
-    with pytest.raises(ValueError, match="not a policy"):
+    with pytest.raises(ValueError, match=r"run 50000: imitate='[^']*': [^:]*: not a policy"):
         resume(tmp_path / "run 50000", kind)
 
 
@@ -297,15 +297,20 @@ def test_what_cannot_be_imitated_is_refused(
         flat["imitate"] = str(runs / flat["imitate"])
     algorithm = flat.get("algorithm", "ppo")
     with pytest.raises(ValueError, match=message):
-        games_and_learner(**{**sizes(algorithm), "frames": 20_000, **flat})
+        settings_of(**{**SMALL, **sizes(algorithm), "frames": 20_000, **flat})
+
+
+def test_self_play_refuses_what_it_cannot_imitate() -> None:
+    with pytest.raises(ValueError, match="imitate='sweeping': is a policy with memory"):
+        self_play_settings_of(maze="3x3", frames=5000, imitate="sweeping", imitate_frames=5)
 
 
 def test_an_arm_and_a_whole_role_of_another_game_are_refused(tmp_path: Path) -> None:
     arm = {"task": "reacher", "joints": 1, "frames": 20_000, "threads": 1, "imitate_frames": 5}
     with pytest.raises(ValueError, match="continuous actions; use discrete_actions=True"):
-        parts_of(settings_of(**arm, imitate="random")).games()
+        settings_of(**arm, imitate="random")
     with pytest.raises(ValueError, match="an arm has no other agents"):
-        parts_of(settings_of(**arm, imitate="random", discrete_actions=True)).games()
+        settings_of(**arm, imitate="random", discrete_actions=True)
     with pytest.raises(ValueError, match="'optimal' is the best response to fixed agents"):
         start(
             SELF_PLAY,
