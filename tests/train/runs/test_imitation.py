@@ -307,10 +307,10 @@ def test_self_play_refuses_what_it_cannot_imitate() -> None:
 
 def test_an_arm_and_a_whole_role_of_another_game_are_refused(tmp_path: Path) -> None:
     arm = {"task": "reacher", "joints": 1, "frames": 20_000, "threads": 1, "imitate_frames": 5}
-    with pytest.raises(ValueError, match="continuous actions; use discrete_actions=True"):
-        settings_of(**arm, imitate="random")
-    with pytest.raises(ValueError, match="an arm has no other agents"):
-        settings_of(**arm, imitate="random", discrete_actions=True)
+    for name, message in (("random", "no policies by name"), ("optimal", "take another game")):
+        for discrete in (False, True):
+            with pytest.raises(ValueError, match=f"imitate='{name}': .*an arm has .*{message}"):
+                settings_of(**arm, imitate=name, discrete_actions=discrete)
     with pytest.raises(ValueError, match="'optimal' is the best response to fixed agents"):
         start(
             SELF_PLAY,
