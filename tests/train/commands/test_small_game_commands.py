@@ -425,7 +425,7 @@ def test_runs_that_do_not_fit(
         ([*of_doors, runs / "second"], "is a policy of second, not of thief"),
         ([*of_doors, tmp_path], "no run here"),
         (["train", "--game", "small_games:Nim(heap=8)", "--opponent", runs / "pair", *out],
-         f"this policy was trained in game {NIM!r} with 13 states"),
+         f"{runs / 'pair'}: this policy was trained in game {NIM!r} with 13 states"),
         (["evaluate", runs / "pair", "--opponent", "uniform"], "a whole run of self-play"),
         (["evaluate", runs / "pair", "--env", "pursuit_v5"], "env='pursuit_v5' has no effect"),
         (["evaluate", runs / "pair", "--teammates", "scripted"], "teammates='scripted' has no"),

@@ -22,8 +22,9 @@ from train.experiments.identity import fingerprint, inputs_of
 from train.kinds import resume, start
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.opponents import load_policy
-from train.runs.parts import parts_of, settings_of
+from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.parts import self_play_settings_of
+from train.settings.task import TaskSettings
 
 SMALL: dict[str, Any] = {"maze": "3x3", "opponent_epsilon": 0.3, "threads": 1, "log": "none"}
 ROLLOUTS = {"num_games": 32, "rollout_steps": 8, "minibatch_size": 128, "width": 16}
@@ -252,6 +253,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "turns": {"move_order": "chasers_first"},
         "runner": {"task": "maze"},
         "memory": {"recurrent": "gru"},
+        "crowd": {"maze": "5x5", "num_chasers": 12, "observation": "window:3"},
     }
     for name, changed in made.items():
         flat = {**SMALL, **ROLLOUTS, "frames": 20_000, **changed}
@@ -274,6 +276,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({"imitate": "maze"}, "was trained in maze 5x5, not in 3x3"),
         ({"imitate": "stay"}, "was trained with stay_action=True, not False"),
         ({"imitate": "turns"}, "was trained with move_order=chasers_first"),
+        ({"imitate": "crowd"}, r"imitate='([^']*crowd)': \1: 13 agents and 0 goals need 13"),
         ({"imitate": "runner"}, "is a policy for 'runner'"),
         ({"imitate": "memory"}, "is a policy with memory"),
         ({"imitate": "sweeping"}, "is a policy with memory"),
@@ -298,6 +301,12 @@ def test_what_cannot_be_imitated_is_refused(
     algorithm = flat.get("algorithm", "ppo")
     with pytest.raises(ValueError, match=message):
         settings_of(**{**SMALL, **sizes(algorithm), "frames": 20_000, **flat})
+
+
+def test_an_opponent_that_does_not_fit_is_named(runs: Path) -> None:
+    task = TaskSettings(maze="3x3", role="evader", opponent=str(runs / "maze"))
+    with pytest.raises(ValueError, match=r"maze \(sampled\), trained in task 'chase' on 5x5"):
+        contest_of(task, 10).baselines()
 
 
 def test_self_play_refuses_what_it_cannot_imitate() -> None:
