@@ -386,7 +386,8 @@ class LearnedPolicy(NetworkPolicy):
             raise ValueError(
                 f"{getattr(self, 'name', 'a policy')}, trained in task {task.name!r} on {listed} "
                 f"with {task.num_actions} actions, has no table over pairs of cells of this "
-                "maze; use a policy of one chaser against one evader, trained in this maze or with an observation that fits it"
+                "maze; use a policy of one chaser against one evader, trained in this maze or with "
+                "an observation that fits it"
             )
         task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)

@@ -253,6 +253,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "turns": {"move_order": "chasers_first"},
         "runner": {"task": "maze"},
         "memory": {"recurrent": "gru"},
+        "exits": {"task": "escape", "num_exits": 1},
         "crowd": {"maze": "5x5", "num_chasers": 12, "observation": "window:3"},
     }
     for name, changed in made.items():
@@ -277,6 +278,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({"imitate": "stay"}, "was trained with stay_action=True, not False"),
         ({"imitate": "turns"}, "was trained with move_order=chasers_first"),
         ({"imitate": "crowd"}, r"imitate='([^']*crowd)': \1: 13 agents and 0 goals need 13"),
+        ({"imitate": "exits"}, "was trained with 1 exits, not 0; use as many: task escape, exits"),
         ({"imitate": "runner"}, "is a policy for 'runner'"),
         ({"imitate": "memory"}, "is a policy with memory"),
         ({"imitate": "sweeping"}, "is a policy with memory"),
