@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from pursuit.validation import check
@@ -42,6 +43,12 @@ def expert_of(
     if name is None or frames >= settings.imitate_frames:
         return None
     algorithm.check_imitation(name, seat)
+    if settings.frames is not None and settings.imitate_frames > settings.frames:
+        warnings.warn(
+            f"imitate_frames={settings.imitate_frames} with frames={settings.frames}: the run ends "
+            f"before the imitation does; give at most {settings.frames} imitate_frames",
+            stacklevel=2,
+        )
     try:
         policy = imitated(name, world, seat)
     except ValueError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import warnings
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -309,6 +310,16 @@ def test_an_opponent_that_does_not_fit_is_named(runs: Path) -> None:
     task = TaskSettings(maze="3x3", role="evader", opponent=str(runs / "maze"))
     with pytest.raises(ValueError, match=r"maze \(sampled\), trained in task 'chase' on 5x5"):
         contest_of(task, 10).baselines()
+
+
+@pytest.mark.parametrize("make", [settings_of, self_play_settings_of])
+def test_an_imitation_that_outlasts_the_run_is_warned_of(make: Any) -> None:
+    flat = {"maze": "3x3", "imitate": "astar", **ROLLOUTS, "frames": 20_000}
+    with pytest.warns(UserWarning, match="imitate_frames=20001 with frames=20000: the run ends"):
+        make(**flat, imitate_frames=20_001)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "imitate_frames")
+        make(**flat, imitate_frames=20_000)
 
 
 def test_self_play_refuses_what_it_cannot_imitate() -> None:
