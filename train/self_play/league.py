@@ -123,6 +123,7 @@ def enter(
             entries, or more than two sides.
     """
     names = [agent_name(name) for name in names]
+    check(all(names), "'': give the folder of a run, a model, or a policy by name")
     given = default_task({} if game is None else {"game": game})
     first = next((name for name in names if os.path.isdir(name)), None)
     if game is None and first is not None:

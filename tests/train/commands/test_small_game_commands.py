@@ -429,6 +429,7 @@ def test_runs_that_do_not_fit(
         (["evaluate", runs / "pair", "--opponent", "uniform"], "a whole run of self-play"),
         (["evaluate", runs / "pair", "--env", "pursuit_v5"], "env='pursuit_v5' has no effect"),
         (["evaluate", runs / "pair", "--teammates", "scripted"], "teammates='scripted' has no"),
+        (["evaluate", runs / "pair", "--replays", "a.json"], "replays='a.json' has no effect"),
         ([*evaluate, "--replay-episodes", "3"], "replay_episodes=3 has no effect"),
         ([*evaluate, "--opponent", runs / "pair/first"], "is a policy of first, not of second"),
         ([*evaluate, "--opponent", "nosuch"], "'nosuch': not a policy"),
