@@ -30,6 +30,7 @@ from scripted_agents.exact.duel.best_response import MoveOrder
 from scripted_agents.exact.hidden.beliefs import BeliefChaser
 from scripted_agents.exact.joint.optimal import OptimalChaser, OptimalEvader
 from scripted_agents.exact.tours.runner import TourRunner
+from scripted_agents.games.encoding import mended
 from scripted_agents.names import (
     AGENTS,
     POLICIES,
@@ -62,12 +63,14 @@ def custom_policy(name: str, task: Task, role: str) -> Policy:
     """A user-defined policy in one role of a task.
 
     Raises:
-        ValueError: an unknown policy, one that does not play this role, or no `Policy`.
+        ValueError: an unknown policy, one that does not play this role or raises an exception, or
+            no `Policy`.
     """
     make, roles = POLICIES.get(name), custom_roles(name, task)
     if role not in roles:
         raise ValueError(f"policy {name!r} plays {', '.join(roles)}, not {role!r}")
-    policy: Policy = make(task, role)
+    with mended(f"policy {name!r}(task, role)"):
+        policy: Policy = make(task, role)
     if not callable(getattr(policy, "act", None)):
         raise ValueError(f"policy {name!r} returned {policy!r}; return a Policy with act(view)")
     return policy

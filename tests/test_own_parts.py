@@ -396,6 +396,8 @@ def test_an_opponent_is_named_wherever_one_plays() -> None:
         make_env("chase", "evader", maze="3x3", opponent=name)
     with pytest.raises(ValueError, match=r"unknown policy 'sneaky'; one of astar, .*equilibrium"):
         make_env("chase", "evader", maze="3x3", opponent="sneaky")
+    with pytest.raises(ValueError, match=r"policy 'os.path:join'\(task, role\) raised TypeError"):
+        make_env("chase", "evader", maze="3x3", opponent="os.path:join")
 
 
 OWN_RUN: dict[str, Any] = {

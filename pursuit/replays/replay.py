@@ -123,7 +123,10 @@ class Replay:
             raise ValueError(f"episode {number}; this replay has {len(self.episodes)}, from 0")
         episode, world = self.episodes[number], self.world
         simulator = world.simulator(self.task)
-        world.begin(simulator, episode.start)
+        try:
+            world.begin(simulator, episode.start)
+        except ValueError as error:
+            raise ValueError(f"episode {number}: {error}") from None
         states, rewards = [world.state(simulator, 0)], np.zeros_like(episode.rewards)
         differences: list[str] = []
         for step, action in enumerate(episode.actions):

@@ -207,7 +207,6 @@ class Algorithm:
             f"algorithm={self.name!r}, which does not learn from rollouts; use {able}": (
                 not self.imitates
             ),
-            "continuous actions; use discrete_actions=True": seat.continuous,
             "sharing='joint', where actions are of the whole team; use sharing=shared": seat.joint,
         }
         found = next((reason for reason, holds in why.items() if holds), "")

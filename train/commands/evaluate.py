@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 OPPONENT = ("opponent", "opponent_policy", "opponent_epsilon")
 """Options of the opponents."""
+EVERYWHERE = ("run", "at", "episodes", "seed", "out", "overwrite")
+"""Options of all evaluations of runs."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     from pursuit.replays.replay import with_suffix
     from train.runs.folder import SELF_PLAY, read_config
 
+    if given.replays is None:
+        check_default(given, Evaluated, ["replay_episodes"], "it is an option of --replays")
     replays = None if given.replays is None else with_suffix(given.replays)
     with reserved(given.out, replays, given.table, overwrite=given.overwrite):
         if isinstance(given, EvaluateCommand) and read_config(given.run)[0] == SELF_PLAY:
@@ -136,11 +140,16 @@ def seed_of(given: EvaluateCommand | EvaluateModelCommand) -> int:
     return int(is_best) if given.seed is None else given.seed
 
 
+def check_others(given: EvaluateCommand, why: str, *more: str) -> None:
+    """ValueError for an option that is neither in `EVERYWHERE` nor one of `more`."""
+    names = [own.name for own in fields(given) if own.name not in {*EVERYWHERE, *more}]
+    check_default(given, EvaluateCommand, names, why)
+
+
 def evaluate_players(given: EvaluateCommand) -> Plain:
     """Print the evaluation of a whole run of self-play, exact if possible; the results."""
-    names = (*OPPONENT, "maze", "replays", "table", "exact_seconds")
     why = f"{given.run} is a whole run of self-play, in which every player plays its own policy"
-    check_default(given, EvaluateCommand, names, why)
+    check_others(given, why)
     from train.evaluation.sides import Profile, ResultLimits
     from train.runs.folder import CONFIG, read_config
     from train.runs.opponents import policy_of  # torch is slow to import
@@ -169,8 +178,7 @@ def evaluate_players(given: EvaluateCommand) -> Plain:
 
 def evaluate_in_pursuit_v5(given: EvaluateCommand) -> Plain:
     """Print the scores of a run inside PettingZoo's `pursuit_v5`; the results."""
-    names = (*OPPONENT, "teammates", "maze", "replays", "table", "exact_seconds")
-    check_default(given, EvaluateCommand, names, "--env plays its own game, with its own evaders")
+    check_others(given, "--env plays its own game, with its own evaders", "env")
     from train.evaluation.pursuit_v5 import play_pursuit_v5
 
     loaded = load_run(given)

@@ -229,6 +229,8 @@ def tyro_message(boxed: str, names: Collection[str]) -> str:
     text = " ".join(text.split("For full helptext")[0].split())
     kinds = "Value error|Parsing error|Unrecognized options|Required options|Missing argument"
     text = re.sub(rf"^({kinds})\s*", "", text)
+    if text.startswith("Error parsing [[PATH"):  # several paths, of which one is empty
+        return NO_PATH
     text = re.sub(r"Error parsing \S+: ", "", text)
     if unknown := re.match(r"Unrecognized options: --([\w.-]+)", text):
         name = unknown[1].replace("-", "_")

@@ -111,7 +111,8 @@ def _defaults(arguments: Sequence[str]) -> TrainCommand[Hyperparameters]:
     """
     options = options_in(arguments)
     task = default_task(options)
-    task = replace(task, **preset_task(options.get("preset", TUNED), type(task)))
+    of_preset = preset_task(options.get("preset", TUNED), type(task), options.get("task"))
+    task = replace(task, **of_preset)
     first = parse_known(_First(task), arguments)
     found = {**default_settings(**vars(first)), "task": task}
     settings: AgentSettings = TrainSettings(**found, **default_budget(options, 60.0))

@@ -127,4 +127,7 @@ def add_replay(builder: Builder, path: Path) -> None:
 
     replay = Replay.load(path)
     labels = [each.label or f"episode {n + 1}" for n, each in enumerate(replay.episodes)]
-    builder.add(replay, Extras(names=[f"{path.stem}, {label}" for label in labels]))
+    try:
+        builder.add(replay, Extras(names=[f"{path.stem}, {label}" for label in labels]))
+    except ValueError as error:  # an invalid start
+        raise ValueError(f"{path}: {error}") from None

@@ -206,10 +206,11 @@ def check_plays_pursuit_v5(policy: Any, env: Any) -> Task:
         )
         return task_of(env)
     remedy = "; train with --preset sisl-pursuit, or with the agents and actions of this one"
-    encoding = getattr(policy, "encoding", None)
+    seat = getattr(policy, "seat", policy)
+    encoding, own = getattr(seat, "encoding", None), getattr(seat, "agent", type(policy).__name__)
     check(
         without_id(str(encoding)) in ENCODINGS and role_of(policy) == "chaser",
-        f"the policy of the {role_of(policy)} observes {encoding!r}, but pursuers of pursuit_v5 "
+        f"the policy of {own} observes {encoding!r}, but pursuers of pursuit_v5 "
         f"see {' or '.join(map(repr, ENCODINGS))}{remedy}",
     )
     task: Task = policy.task

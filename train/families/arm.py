@@ -52,6 +52,9 @@ FAMILY = Family(
     ReacherSettings,
     seat_of,
     ArmWorld,
-    Missing("an arm has no other agents; give the folder of a run of another game"),
+    Missing(
+        "an arm has no other agents, and no policies by name or of files that play or are "
+        "imitated; take another game"
+    ),
     Missing("an arm has no sides; use `pursuit train`"),
 )

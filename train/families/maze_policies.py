@@ -80,10 +80,15 @@ def check_fits(policy: Policy, role: str, task: Task, name: str) -> None:
         f"{name}: was trained in maze {own.mazes[0].name}, not in {task.mazes[0].name}; use that "
         "maze, or train with observation window:R (on graphs, an observation of your own)",
     )
-    same = ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order", "most_exits")
+    same = ("num_chasers", "num_evaders", "num_goals", "stay_action", "move_order")
     for what in same:
         mine, theirs = getattr(own, what), getattr(task, what)
         check(mine == theirs, f"{name}: was trained with {what}={mine}, not {theirs}; use {mine}")
+    check(
+        own.most_exits == task.most_exits,
+        f"{name}: was trained with {own.most_exits} exits, not {task.most_exits}; use as many: "
+        "task escape, exits and num_exits set them",
+    )
 
 
 def placed(policy: Policy, task: Task, agent: str, name: str, epsilon: float) -> Policy:

@@ -53,8 +53,7 @@ class NamedPolicies:
         named: (name, task, agent, epsilon) -> the policy.
         agents: (name, task) -> the agents or roles that the policy of this name can play;
             ValueError for none.
-        placed: (learned policy, task, agent, name, epsilon) -> it as a policy of this agent;
-            ValueError where it does not fit.
+        placing: as `placed`.
         agent_of: (learned policy) -> its agent or role.
         models: the form of the seats of models, by the suffix of their files.
     """
@@ -64,9 +63,19 @@ class NamedPolicies:
     is_named: Callable[[str], bool]
     named: Callable[[str, Any, str, float], Any]
     agents: Callable[[str, Any], tuple[str, ...]]
-    placed: Callable[[Any, Any, str, str, float], Any]
+    placing: Callable[[Any, Any, str, str, float], Any]
     agent_of: Callable[[Any], str]
     models: Mapping[str, type[Any]]
+
+    def placed(self, policy: Any, task: Any, agent: str, name: str, epsilon: float) -> Any:
+        """The learned policy of this name as one of an agent; ValueError, which names it, where it
+        does not fit."""
+        try:
+            return self.placing(policy, task, agent, name, epsilon)
+        except ValueError as error:
+            if str(error).startswith(name):
+                raise
+            raise ValueError(f"{name}: {error}") from None
 
 
 def policy_named(

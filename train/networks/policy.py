@@ -384,9 +384,10 @@ class LearnedPolicy(NetworkPolicy):
             names = [each.name for each in task.mazes]
             listed = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if names[3:] else "")
             raise ValueError(
-                f"a policy trained in task {task.name!r} on {listed} with {task.num_actions} "
-                "actions has no table over pairs of cells of this maze; use a policy of one chaser "
-                "against one evader, trained in this maze or with an observation that fits it"
+                f"{getattr(self, 'name', 'a policy')}, trained in task {task.name!r} on {listed} "
+                f"with {task.num_actions} actions, has no table over pairs of cells of this "
+                "maze; use a policy of one chaser against one evader, trained in this maze or with "
+                "an observation that fits it"
             )
         task = self._in_maze(maze)
         size, seat = maze.num_cells, task.seat(self.agent)

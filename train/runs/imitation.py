@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 from pursuit.validation import check
@@ -16,6 +17,10 @@ OPTIMAL = "optimal"
 """The name of the exact best response to the other agents."""
 TRIED = 2
 """Games in which a policy is asked before training."""
+
+
+class ImitationError(ValueError):
+    """A policy that cannot be imitated; not the fault of a checkpoint of its learner."""
 
 
 def expert_of(
@@ -38,26 +43,38 @@ def expert_of(
     if name is None or frames >= settings.imitate_frames:
         return None
     algorithm.check_imitation(name, seat)
+    if settings.frames is not None and settings.imitate_frames > settings.frames:
+        warnings.warn(
+            f"imitate_frames={settings.imitate_frames} with frames={settings.frames}: the run ends "
+            f"before the imitation does; give at most {settings.frames} imitate_frames",
+            stacklevel=2,
+        )
+    try:
+        policy = imitated(name, world, seat)
+    except ValueError as error:
+        raise ImitationError(f"imitate={name!r}: {error}") from None
+    return Expert(policy, settings.imitate_frames)
+
+
+def imitated(name: str, world: TaskWorld, seat: Seat) -> Any:
+    """The policy of this name for a learner; ValueError as `expert_of`."""
     policy: Any
     if name == OPTIMAL:
         mazes = [getattr(task, "mazes", None) for task in (seat.task, world.task)]
         check(
             mazes[0] == mazes[1],
-            f"imitate={name!r} with a curriculum of other mazes, in which the optimum is not "
-            "solved; leave one of the two out",
+            "with a curriculum of other mazes, in which the optimum is not solved; leave one of "
+            "the two out",
         )
         policy = world.optimal_policy()
     else:
         policy = policy_of(world.settings, name, world.task, seat.role)
     check(
         not hasattr(policy, "begin"),
-        f"imitate={name!r} is a policy with memory, which says nothing about states that it did "
-        "not lead to itself; give one without memory",
+        "is a policy with memory, which says nothing about states that it did not lead to itself; "
+        "give one without memory",
     )
     games = world.BATCH(seat.task, TRIED, 0, 0, auto_restart=False)
     agents = slice(seat.number, seat.number + (seat.members if seat.team else 1))
-    try:
-        seat.probabilities_of(policy, games, agents)
-    except ValueError as error:
-        raise ValueError(f"imitate={name!r}: {error}") from None
-    return Expert(policy, settings.imitate_frames)
+    seat.probabilities_of(policy, games, agents)
+    return policy

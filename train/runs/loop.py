@@ -38,6 +38,7 @@ from train.runs.folder import (
     read_metrics,
     save_checkpoint,
 )
+from train.runs.imitation import ImitationError
 from train.runs.interruption import Diverged, Signals, Stopped
 from train.runs.logs import Logs
 from train.runs.provenance import recorded_parts
@@ -453,6 +454,6 @@ def build_run(
         budget = budget or Budget.of(settings)
         return Run(trainee, folder, budget, state, marks, settings.checkpoints, settings.log)
     except MISFITS as error:
-        if state is None:
+        if state is None or isinstance(error, ImitationError):
             raise
         raise misfit(folder, error) from error

@@ -214,7 +214,8 @@ def settings_of(**flat: Any) -> AgentSettings:
     """
     settings = unchecked_settings(**flat)
     check_source(settings)
-    parts_of(settings)
+    parts = parts_of(settings)
+    expert_of(settings, parts.world, parts.seat, parts.algorithm)  # refuses what has none
     return settings
 
 

@@ -49,7 +49,7 @@ def unchecked_settings(**flat: Any) -> AgentSettings:
     form = task_form(flat)
     chosen = {n: flat.get(n) for n in (*DEFAULTS_BY, *SIZE_SETTINGS)}
     preset = flat.get("preset", TUNED)
-    task = settings_with(form, flat, preset_task(preset, form))
+    task = settings_with(form, flat, preset_task(preset, form, flat.get("task")))
     default = default_settings(task, preset=preset, **chosen)
     hyper, own = default["hyper"], default["curriculum_settings"]
     check_names(

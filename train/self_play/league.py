@@ -123,6 +123,7 @@ def enter(
             entries, or more than two sides.
     """
     names = [agent_name(name) for name in names]
+    check(all(names), "'': give the folder of a run, a model, or a policy by name")
     given = default_task({} if game is None else {"game": game})
     first = next((name for name in names if os.path.isdir(name)), None)
     if game is None and first is not None:
@@ -235,9 +236,9 @@ def folders_of(name: str, roles: Sequence[str], agents: Sequence[str]) -> list[P
 def _one_each(what: str, given: Sequence[str], models: Sequence[str]) -> list[str]:
     """One value for each model; a single value is for all."""
     check(
-        len(given) in (0, 1, len(models)),
+        len(given) in (0, min(1, len(models)), len(models)),
         f"{what}: {len(given)} for {len(models)} models without a description; give one for all, "
-        "or one for each in the order of the entries",
+        "or one for each in the order of the entries; none without such models",
     )
     return [*given] * len(models) if len(given) == 1 else [*given]
 

@@ -221,7 +221,8 @@ def self_play_settings_of(**flat: Any) -> SelfPlayBase:
     """
     settings = unchecked_self_play(**flat)
     check_source(settings)
-    self_play_parts(settings)
+    for side in self_play_parts(settings).sides.values():
+        side.expert(0)  # refuses what cannot be imitated
     return settings
 
 

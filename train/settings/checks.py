@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
+from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pursuit.validation import Rule, check, check_fields, is_int, rule
@@ -50,8 +51,9 @@ def check_default(settings: object, default: object, names: Iterable[str], why: 
     """ValueError unless these settings have the values of `default`."""
     for name in names:
         value = getattr(settings, name)
+        shown = str(value) if isinstance(value, Path) else value
         check(
-            value == getattr(default, name), f"{name}={value!r} has no effect: {why}; leave it out"
+            value == getattr(default, name), f"{name}={shown!r} has no effect: {why}; leave it out"
         )
 
 

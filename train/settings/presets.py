@@ -64,22 +64,23 @@ algorithm, of which the first is the default."""
 PRESETS = (TUNED, *THESIS, *TASK_PRESETS)
 
 
-def preset_task(preset: str, form: type[TaskForm]) -> Plain:
+def preset_task(preset: str, form: type[TaskForm], task: object = None) -> Plain:
     """The settings of the task of a preset; {} for one of any task.
 
     Args:
         preset: by name.
         form: the class of the task that the user chose.
+        task: its name, if the user gave it.
 
     Raises:
-        ValueError: a preset of a game in mazes with another task.
+        ValueError: a preset of a game with another task.
     """
     if preset not in TASK_PRESETS:
         return {}
     own = dict(TASK_PRESETS[preset]["task"])
     check(
-        {each.name for each in fields(form)} >= set(own),
-        f"preset={preset!r} is a game in mazes; leave out the task, or the preset",
+        {each.name for each in fields(form)} >= set(own) and task in (None, own["task"]),
+        f"preset={preset!r} is a game of task {own['task']!r}; leave out the task, or the preset",
     )
     return own
 

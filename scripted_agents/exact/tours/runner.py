@@ -94,7 +94,7 @@ class TourRunner(Scripted):
         if task.num_goals > 1:
             raise ValueError(
                 f"{self!r} in task {task.name!r}: with {task.num_goals} goals its actions depend "
-                "on the indices of goals, so it has no distribution; use NearestGoalRunner"
+                "on the indices of goals, so it has no distribution; use NearestGoalRunner (astar)"
             )
         return super().moves(task, games, seat)
 

@@ -12,10 +12,12 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import pytest
 import torch
 from command_errors import error_of, run
 
+from pursuit import Recorder
 from train.commands.main import COMMANDS, OPTIONAL, main, message_of
 from train.experiments.executors import check_answers
 from train.runs.folder import read_metrics
@@ -139,6 +141,22 @@ def test_outputs_of_evaluate_render_and_baseline(
     run("maze", "--generate", "wilson", "--height", "4", "--seed", "3", "--out", tmp_path / "m.txt")
     run("baseline", "--maze", tmp_path / "m.txt", "--episodes", "50")
     assert "optimal" in capsys.readouterr().out
+
+
+def test_view_names_the_file_and_the_episode_of_a_bad_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorder = Recorder(gymnasium.make("pursuit/Maze-v0", maze="3x3", max_steps=2))
+    recorder.reset(seed=0)
+    for _ in range(2):
+        recorder.step(0)
+    good = recorder.save(tmp_path / "good.json")
+    content = json.loads(good.read_text())
+    content["episodes"][0]["start"]["positions"] = [99]
+    bad = tmp_path / "bad.json"
+    bad.write_text(json.dumps(content))
+    out = ("--out", tmp_path / "page.html", "--no-open")
+    assert f"{bad}: episode 0: positions=[99]; " in error_of(capsys, "view", good, bad, *out)
 
 
 @pytest.mark.slow

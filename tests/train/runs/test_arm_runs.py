@@ -67,6 +67,8 @@ def test_a_run_is_evaluated_rendered_and_read_again(
     assert actions.shape == (5, 1) and (np.abs(actions) <= 1).all()
     with pytest.raises(ValueError, match="give a run of this game"):
         loaded_policy(MAZE_POLICIES, SAVED, trained)
+    elsewhere = error_of(capsys, "evaluate", trained, "--env", "pursuit_v5", "--episodes", "2")
+    assert "the policy of arm observes 'positions', but pursuers" in elsewhere
 
 
 def test_baselines_and_the_minimum_steps(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import warnings
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -22,8 +23,9 @@ from train.experiments.identity import fingerprint, inputs_of
 from train.kinds import resume, start
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.opponents import load_policy
-from train.runs.parts import parts_of, settings_of
+from train.runs.parts import contest_of, parts_of, settings_of
 from train.self_play.parts import self_play_settings_of
+from train.settings.task import TaskSettings
 
 SMALL: dict[str, Any] = {"maze": "3x3", "opponent_epsilon": 0.3, "threads": 1, "log": "none"}
 ROLLOUTS = {"num_games": 32, "rollout_steps": 8, "minibatch_size": 128, "width": 16}
@@ -178,7 +180,7 @@ def test_a_run_whose_imitation_is_over_does_not_need_the_policy(kind: str, tmp_p
         run.lock and run.lock.release()
     model.rename(tmp_path / "elsewhere")
     resume(tmp_path / "run 500", kind).train()
-    with pytest.raises(ValueError, match="not a policy"):
+    with pytest.raises(ValueError, match=r"run 50000: imitate='[^']*': [^:]*: not a policy"):
         resume(tmp_path / "run 50000", kind)
 
 
@@ -252,6 +254,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "turns": {"move_order": "chasers_first"},
         "runner": {"task": "maze"},
         "memory": {"recurrent": "gru"},
+        "exits": {"task": "escape", "num_exits": 1},
+        "crowd": {"maze": "5x5", "num_chasers": 12, "observation": "window:3"},
     }
     for name, changed in made.items():
         flat = {**SMALL, **ROLLOUTS, "frames": 20_000, **changed}
@@ -274,6 +278,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({"imitate": "maze"}, "was trained in maze 5x5, not in 3x3"),
         ({"imitate": "stay"}, "was trained with stay_action=True, not False"),
         ({"imitate": "turns"}, "was trained with move_order=chasers_first"),
+        ({"imitate": "crowd"}, r"imitate='([^']*crowd)': \1: 13 agents and 0 goals need 13"),
+        ({"imitate": "exits"}, "was trained with 1 exits, not 0; use as many: task escape, exits"),
         ({"imitate": "runner"}, "is a policy for 'runner'"),
         ({"imitate": "memory"}, "is a policy with memory"),
         ({"imitate": "sweeping"}, "is a policy with memory"),
@@ -297,15 +303,36 @@ def test_what_cannot_be_imitated_is_refused(
         flat["imitate"] = str(runs / flat["imitate"])
     algorithm = flat.get("algorithm", "ppo")
     with pytest.raises(ValueError, match=message):
-        games_and_learner(**{**sizes(algorithm), "frames": 20_000, **flat})
+        settings_of(**{**SMALL, **sizes(algorithm), "frames": 20_000, **flat})
+
+
+def test_an_opponent_that_does_not_fit_is_named(runs: Path) -> None:
+    task = TaskSettings(maze="3x3", role="evader", opponent=str(runs / "maze"))
+    with pytest.raises(ValueError, match=r"maze \(sampled\), trained in task 'chase' on 5x5"):
+        contest_of(task, 10).baselines()
+
+
+@pytest.mark.parametrize("make", [settings_of, self_play_settings_of])
+def test_an_imitation_that_outlasts_the_run_is_warned_of(make: Any) -> None:
+    flat = {"maze": "3x3", "imitate": "astar", **ROLLOUTS, "frames": 20_000}
+    with pytest.warns(UserWarning, match="imitate_frames=20001 with frames=20000: the run ends"):
+        make(**flat, imitate_frames=20_001)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "imitate_frames")
+        make(**flat, imitate_frames=20_000)
+
+
+def test_self_play_refuses_what_it_cannot_imitate() -> None:
+    with pytest.raises(ValueError, match="imitate='sweeping': is a policy with memory"):
+        self_play_settings_of(maze="3x3", frames=5000, imitate="sweeping", imitate_frames=5)
 
 
 def test_an_arm_and_a_whole_role_of_another_game_are_refused(tmp_path: Path) -> None:
     arm = {"task": "reacher", "joints": 1, "frames": 20_000, "threads": 1, "imitate_frames": 5}
-    with pytest.raises(ValueError, match="continuous actions; use discrete_actions=True"):
-        parts_of(settings_of(**arm, imitate="random")).games()
-    with pytest.raises(ValueError, match="an arm has no other agents"):
-        parts_of(settings_of(**arm, imitate="random", discrete_actions=True)).games()
+    for name, message in (("random", "no policies by name"), ("optimal", "take another game")):
+        for discrete in (False, True):
+            with pytest.raises(ValueError, match=f"imitate='{name}': .*an arm has .*{message}"):
+                settings_of(**arm, imitate=name, discrete_actions=discrete)
     with pytest.raises(ValueError, match="'optimal' is the best response to fixed agents"):
         start(
             SELF_PLAY,

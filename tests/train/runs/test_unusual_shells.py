@@ -128,6 +128,9 @@ def test_options_of_paths_refuse_an_empty_text(
                 said = error_of(capsys, command, *shlex.split(COMMANDS[command]), *given)
                 assert f"{name} '': give a path" in said
             seen += 1
+    for command in ("view", "report"):
+        assert "error: '': give a path (see" in error_of(capsys, command, "a", "")
+    assert "error: '': give the folder of a run" in error_of(capsys, "league", "")
     assert seen > 12 and not [*tmp_path.iterdir()]
 
 

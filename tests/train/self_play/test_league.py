@@ -283,6 +283,8 @@ def test_the_former_name_of_equilibrium_is_accepted_and_the_new_one_shown(
     assert content["chasers"] == content["evaders"] == content["entries"] == ["equilibrium"]
     with pytest.raises(ValueError, match="two entries are called 'equilibrium'"):
         enter(["optimal", "equilibrium"], "3x3-tree")
+    with pytest.raises(ValueError, match="model_roles: 1 for 0 models without a description"):
+        enter(["optimal"], "3x3-tree", model_roles=["chaser"])
     task = make_task("chase", maze="3x3-tree")
     opponents = chosen_policies(task, "chaser", "optimal", 0.0)
     assert isinstance(opponents["evader"], OptimalEvader)

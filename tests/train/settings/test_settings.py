@@ -211,8 +211,9 @@ def test_the_preset_of_a_game_sets_the_task_and_options_take_precedence() -> Non
 @pytest.mark.parametrize(
     ("flat", "message"),
     [
-        ({"task": "reacher"}, "is a game in mazes"),
-        ({"game": "soccer"}, "is a game in mazes"),
+        ({"task": "reacher"}, "is a game of task 'chase'; leave out the task"),
+        ({"task": "maze"}, "is a game of task 'chase'; leave out the task"),
+        ({"game": "soccer"}, "is a game of task 'chase'"),
         ({"algorithm": "dqn"}, "is for algorithm 'ippo' or 'mappo', not 'dqn'"),
         ({"num_chasers": 0}, "chaser"),
     ],
@@ -220,6 +221,10 @@ def test_the_preset_of_a_game_sets_the_task_and_options_take_precedence() -> Non
 def test_the_preset_of_a_game_refuses_others(flat: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         settings_of(preset="sisl-pursuit", seconds=60, **flat)
+    options = [f"--{name.replace('_', '-')}={value}" for name, value in flat.items()]
+    if "num_chasers" not in flat:
+        with pytest.raises(ValueError, match=message):
+            _defaults(["--preset", "sisl-pursuit", *options])
 
 
 @pytest.mark.filterwarnings("ignore:.*(the run ends before|iterations of the learner)")

@@ -317,7 +317,7 @@ def test_refusals_name_value_rule_and_remedy() -> None:
         solve_joint(make_task("race", maze="4x4", num_runners=8, num_goals=1), "runner", {})
     with pytest.raises(ValueError, match="runner_1 has no policy"):
         solve_joint(race, "runner_0", {})
-    with pytest.raises(ValueError, match="use NearestGoalRunner"):
+    with pytest.raises(ValueError, match=r"use NearestGoalRunner \(astar\)"):
         solve_joint(race, "runner_0", {"runner": TourRunner()})
     with pytest.raises(ValueError, match="memory or no distribution"):
         solve_joint(heist, "evader", {"chaser": SearchingChaser()}, objective="return")
