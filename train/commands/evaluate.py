@@ -115,7 +115,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     from train.runs.folder import SELF_PLAY, read_config
 
     replays = None if given.replays is None else with_suffix(given.replays)
-    with reserved(given.out, replays, given.table, overwrite=given.overwrite):
+    outputs = (given.out, replays, given.table)
+    with reserved(*outputs, overwrite=given.overwrite, inputs=[given.run]):
         if isinstance(given, EvaluateCommand) and read_config(given.run)[0] == SELF_PLAY:
             content = evaluate_players(given)
         elif isinstance(given, EvaluateCommand) and given.env is not None:

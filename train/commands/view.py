@@ -52,7 +52,7 @@ def view(arguments: Sequence[str]) -> None:
     check(bool(given.paths), "nothing to view; give the folder of a run, or a replay (.json)")
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
-    check_new_files([given.out], given.overwrite)
+    check_new_files([given.out], given.overwrite, given.paths)
     runs = any(path.is_dir() for path in given.paths)
     check(runs or given.at is None, "--at is for runs, but only replays are given; leave it out")
     from train.runs.folder import KEPT, SIDE, read_config
