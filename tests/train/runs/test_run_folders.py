@@ -135,6 +135,20 @@ def test_a_complete_run_is_refused_and_a_side_points_to_the_whole(
         assert f"give {folder}" in error_of(capsys, other, "--resume", folder / "chaser")
 
 
+def test_a_run_that_lost_its_results_keeps_its_figures_where_they_are_written_again(
+    finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    (folder / "results.json").unlink()
+    figures = [folder / "learning_curve.png", folder / "replay.gif"]
+    for figure in figures:
+        figure.touch()
+    assert status_of("view", folder, "--no-open") == 0
+    assert load_results(folder) and all(figure.exists() for figure in figures)
+    open_run(folder).results(4)  # the figures have the scores of the former ones
+    assert not any(figure.exists() for figure in figures)
+
+
 def test_a_folder_of_a_run_killed_before_its_settings_were_written_can_be_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
