@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from pursuit.validation import at_least, check
+from pursuit.validation import check
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
-from train.settings.checks import Settings
+from train.settings.checks import Settings, Shown
 
 if TYPE_CHECKING:
     from pursuit.replays.viewer.data import Builder
@@ -38,7 +38,7 @@ class ViewCommand(Settings):
     """Play policies that were kept at so many frames, or best; as in pursuit evaluate."""
     out: Path | None = None
     """The output page; by default report.html of a run, otherwise replay.html."""
-    episodes: Annotated[int, at_least(1)] = 4
+    episodes: Shown = 4
     """Episodes of each run, if several runs or replays are shown."""
     overwrite: bool = False
     """Replace --out if it exists."""
