@@ -20,6 +20,10 @@ from pursuit.files import cannot_write, write_atomically
 LOCK = ".lock"
 Plain = dict[str, Any]
 """Values by name: the content of a JSON file, or of a checkpoint (then also tensors)."""
+RUN_FILES = ("config.json", "metrics.csv", "results.json", "checkpoint.pt", "checkpoints.json")
+"""What a run is: its further files are drawn again from these."""
+CONFIG_BEGINS = '{\n  "format": '
+"""How `config.json` of a run begins, unlike files of this name of other programs."""
 PART = re.compile(r"^\..*\.(?P<process>[0-9]+)\.part$")
 """Names of temporary files."""
 
@@ -40,22 +44,30 @@ def check_folder(path: Path) -> None:
         raise ValueError(f"{path}: no such folder; give an existing one")
 
 
-def check_new_files(paths: Iterable[Path | None], overwrite: bool = False) -> None:
+def check_new_files(
+    paths: Iterable[Path | None], overwrite: bool = False, inputs: Iterable[Path] = ()
+) -> None:
     """ValueError unless a command may write these files.
 
     Args:
         paths: of its outputs, all different; None for an output that is not written.
-        overwrite: whether existing files may be replaced.
+        overwrite: whether existing files may be replaced, except the inputs, and those of which a
+            run consists.
+        inputs: files or folders that it reads.
     """
-    given = [path for path in paths if path is not None]
+    given, read = [path for path in paths if path is not None], [*map(os.path.realpath, inputs)]
     for number, path in enumerate(given):
         if path in given[:number]:
             raise ValueError(f"{path}: given for two outputs; give two different files")
         if path.is_dir():
             raise ValueError(f"{path}: is a folder; give the path of a file")
+        real = Path(os.path.realpath(path))
+        of_run = real.name in RUN_FILES and begins_with(real.with_name(RUN_FILES[0]), CONFIG_BEGINS)
+        if of_run or str(real) in read:
+            which = "a file of a run" if of_run else "the input"
+            raise ValueError(f"{path}: is {which}, which is never replaced; give a new file")
         if path.exists() and not overwrite:
             raise ValueError(f"{path}: exists already; give a new file, or --overwrite")
-        real = Path(os.path.realpath(path))
         if real.is_symlink():
             raise ValueError(f"{path}: a link to itself; give the path of a file")
         folder = real.parent if path.is_symlink() else path.parent
@@ -236,16 +248,18 @@ def hold(folder: Path, what: str, shared: bool = False, name: str = LOCK) -> Fil
 
 
 @contextlib.contextmanager
-def reserved(*paths: Path | None, overwrite: bool = False) -> Iterator[None]:
+def reserved(
+    *paths: Path | None, overwrite: bool = False, inputs: Iterable[Path] = ()
+) -> Iterator[None]:
     """Lock the paths of output files for this process while it prepares them.
 
     Args:
-        paths, overwrite: as in `check_new_files`.
+        paths, overwrite, inputs: as in `check_new_files`.
 
     Raises:
         ValueError: as in `check_new_files`, or another process has locked one of them.
     """
-    check_new_files(paths, overwrite)
+    check_new_files(paths, overwrite, inputs)
     with contextlib.ExitStack() as held:
         for path in filter(None, paths):
             lock = FileLock(path.with_name(f".{path.name}{LOCK}"))

@@ -273,26 +273,30 @@ def check_init(folder: Path, settings: WholeSettings) -> None:
 
 
 def resume(folder: Path | str, kind: str, stretch: bool = False, **longer: Any) -> Run:
-    """Open the run in `folder` for resuming, also if only results or figures are missing, or with
-    a longer budget, of "frames" or "seconds", as `open_run`.
+    """Open the run in `folder` for resuming, also if only results, figures or the policy of a side
+    are missing, or with a longer budget, of "frames" or "seconds", as `open_run`.
 
     Raises:
         ValueError: there is no run, or it is damaged, of another kind, or complete.
     """
     folder = Path(folder)
     check(folder.is_dir(), f"{folder}: no such folder")
-    found, _ = read_settings(folder)
+    found, settings = read_settings(folder)
     check(
         found == kind,
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
-    drawn = all((folder / name).exists() for name in KINDS[kind].pictures)
+    parts = (*KINDS[kind].pictures, *getattr(settings, "learning", ()))
+    lost = [name for name in parts if not (folder / name).exists()]
     check(
-        bool(longer) or not is_complete(folder) or not drawn,
+        bool(longer) or not is_complete(folder) or bool(lost),
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}, or go on with a longer "
         f"one: --resume {folder} --frames or --seconds",
     )
-    return open_run(folder, stretch=stretch, **longer)
+    run = open_run(folder, stretch=stretch, **longer)
+    if lost and (folder / CHECKPOINT).exists():
+        run.trainee.save_beside(folder)
+    return run
 
 
 def evaluate_runs(folders: Iterable[Path], tell: Tell) -> None:

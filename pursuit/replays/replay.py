@@ -201,7 +201,10 @@ class Replay:
             OSError: the file cannot be read.
         """
         path = as_path("path", path)
-        if path.stat().st_size > MOST_BYTES:
+        size = path.stat().st_size
+        if not path.is_file():  # a device or a pipe need not end
+            raise ValueError(f"{path}: not a file; give a replay (.json)")
+        if size > MOST_BYTES:
             raise ValueError(f"{path}: a replay has at most {MOST_BYTES // 2**20} MiB")
         try:
             return _replay_of(

@@ -19,7 +19,7 @@ from train.commands.parse import options_in, parse, warn
 from train.commands.progress import ProgressLine
 from train.files import Plain, check_folder, reserved, write_json
 from train.reports.tables import ResultTable, numeric, print_table, words
-from train.settings.checks import Settings, check_default, evaluation_seed
+from train.settings.checks import Settings, Shown, check_default, evaluation_seed
 from train.settings.task import AGENT, TaskSettings
 from train.settings.task_form import AnyTask, default_task, with_values
 
@@ -54,7 +54,7 @@ class Evaluated(Settings):
     """Write the results to this new .json file."""
     replays: Path | None = None
     """Write the first episodes of the policy to this new replay (.json)."""
-    replay_episodes: Annotated[int, at_least(1)] = 10
+    replay_episodes: Shown = 10
     """Number of episodes in the replay."""
     overwrite: bool = False
     """Replace --out, --replays and --table if they exist."""
@@ -119,7 +119,8 @@ def evaluate(arguments: Sequence[str]) -> None:
     if given.replays is None:
         check_default(given, Evaluated, ["replay_episodes"], "it is an option of --replays")
     replays = None if given.replays is None else with_suffix(given.replays)
-    with reserved(given.out, replays, given.table, overwrite=given.overwrite):
+    outputs = (given.out, replays, given.table)
+    with reserved(*outputs, overwrite=given.overwrite, inputs=[given.run]):
         if isinstance(given, EvaluateCommand) and read_config(given.run)[0] == SELF_PLAY:
             content = evaluate_players(given)
         elif isinstance(given, EvaluateCommand) and given.env is not None:

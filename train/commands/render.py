@@ -9,10 +9,10 @@ from typing import Annotated, Any
 
 import tyro
 
-from pursuit.validation import at_least, check, passes
+from pursuit.validation import check, passes
 from train.commands.parse import options_in, parse
 from train.files import check_folder, check_new_files
-from train.settings.checks import Settings
+from train.settings.checks import Settings, Shown
 from train.settings.reading import names_of
 from train.settings.task import TaskSettings
 from train.settings.task_form import AnyTask, default_task
@@ -31,7 +31,7 @@ class RenderCommand(Settings):
     """A new .gif or .mp4 file."""
     overwrite: bool = False
     """Replace --out if it exists."""
-    episodes: Annotated[int, at_least(1)] = 3
+    episodes: Shown = 3
     """Number of episodes."""
     optimal: bool = False
     """The exactly optimal agent plays instead of the learned or scripted one."""

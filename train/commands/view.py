@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from pursuit.validation import at_least, check
+from pursuit.validation import check
 from train.commands.parse import parse, warn
 from train.commands.progress import ProgressLine
 from train.files import check_new_files
 from train.play.browser import open_page
 from train.reports.pages import PLAYER_ELEMENT, write_page
 from train.reports.tables import in_markdown
-from train.settings.checks import Settings
+from train.settings.checks import Settings, Shown
 
 if TYPE_CHECKING:
     from pursuit.replays.viewer.data import Builder
@@ -38,7 +38,7 @@ class ViewCommand(Settings):
     """Play policies that were kept at so many frames, or best; as in pursuit evaluate."""
     out: Path | None = None
     """The output page; by default report.html of a run, otherwise replay.html."""
-    episodes: Annotated[int, at_least(1)] = 4
+    episodes: Shown = 4
     """Episodes of each run, if several runs or replays are shown."""
     overwrite: bool = False
     """Replace --out if it exists."""
@@ -52,7 +52,7 @@ def view(arguments: Sequence[str]) -> None:
     check(bool(given.paths), "nothing to view; give the folder of a run, or a replay (.json)")
     for path in given.paths:
         check(path.exists(), f"{path}: no such file or folder; give a run, or a replay (.json)")
-    check_new_files([given.out], given.overwrite)
+    check_new_files([given.out], given.overwrite, given.paths)
     runs = any(path.is_dir() for path in given.paths)
     check(runs or given.at is None, "--at is for runs, but only replays are given; leave it out")
     from train.runs.folder import KEPT, SIDE, read_config

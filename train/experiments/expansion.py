@@ -33,6 +33,7 @@ from train.experiments.variants import MAZE, check_ablation, check_measures
 from train.kinds import KINDS
 from train.runs.folder import RUN, SELF_PLAY
 from train.runs.forms import Final
+from train.self_play.names import check_name
 from train.settings.checks import check_seed
 
 MAX_RUNS = 100_000
@@ -173,6 +174,7 @@ def check_variants(variants: list[Table] | None) -> None:
         f"names of variants are {names}; give each a different name",
     )
     for variant in variants:
+        check_name(variant["name"])
         check_table({k: v for k, v in variant.items() if k != "name"}, repr(variant["name"]))
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pursuit.validation import check
 from train.experiments.recorded import FIRST, MEASURED, read_recorded, varied_settings
-from train.experiments.runs import ERROR, FORMAT, LAYOUT, read_label, read_layout, status_of
+from train.experiments.runs import ERROR, FORMAT, LABEL, LAYOUT, read_label, read_layout, status_of
 from train.experiments.shards import row_files
 from train.experiments.statistics import first_below, mean_over
 from train.experiments.study import Layout, Table
@@ -186,6 +186,10 @@ def read_study(out: Path) -> StudyRows:
     found.x = layout.x if layout.x in columns else None
     group = [name for name in layout.group if name in columns]
     for row in found.rows:
+        check(
+            not layout.variants or row["variant"] is not None,
+            f"{out / 'runs' / row['run'] / LABEL}: names no variant; restore it from a copy",
+        )
         usual = ["algorithm"] if row["kind"] == RUN else ["kind"]
         row["_group"] = ", ".join(in_words(name, row[name]) for name in group or usual)
         row["_x"] = row[found.x] if found.x else ""

@@ -50,7 +50,7 @@ from train.reports.tables import (
     with_interval,
     words,
 )
-from train.runs.folder import SELF_PLAY
+from train.runs.folder import METRICS, SELF_PLAY
 from train.runs.worlds import contest_of
 from train.self_play.parts import game_of_all
 from train.settings.task import GAME, SmallGameSettings, TaskSettings
@@ -127,6 +127,10 @@ def against_control(study: StudyRows) -> list[Row]:
             row["objective"] == "mean_steps",
             f"{row['run']}: scored by {row['objective']}, but an ablation needs the gap in steps; "
             "use a single runner, or a chase",
+        )
+        check(
+            row.get("shortfall") is not None or row.get("optimality_gap") is None,
+            f"{row['run']}: has no evaluations; restore its {METRICS} from a copy",
         )
         check(
             row.get("shortfall") is not None,

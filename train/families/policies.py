@@ -114,6 +114,8 @@ def policy_named(
             with reading(folder / "config.json"):
                 return policy_named(policies, saved, fixed.name, task, agent, *how)
         folder /= agent
+        again = f"go on with pursuit self-play --resume {name}"
+        check(os.path.isdir(folder), f"{folder}: no checkpoint yet; {again}")
     trained = {"task": task, "agent": agent, "observation": observation}
     policy = loaded_policy(policies, saved, folder, played, **trained)
     return policies.placed(policy, task, agent, name, epsilon)

@@ -21,6 +21,7 @@ from pursuit.mazes.suite_files import is_suite
 from pursuit.validation import check
 from train.files import (
     LOCK,
+    RUN_FILES,
     Plain,
     check_utf8,
     is_leftover,
@@ -35,8 +36,7 @@ from train.schemas import read_as
 from train.settings.mazes import titled
 from train.settings.self_play import WholeSettings
 
-CONFIG, METRICS = "config.json", "metrics.csv"
-RESULTS, CHECKPOINT = "results.json", "checkpoint.pt"
+CONFIG, METRICS, RESULTS, CHECKPOINT, KEPT_LIST = RUN_FILES
 CURVE, REPLAY = "learning_curve.png", "replay.gif"
 FINAL, RESOLVED = "final", "resolved"
 REPORT, REPLAYS = "report.html", "replays.json"
@@ -50,7 +50,6 @@ RUN, SIDE, SELF_PLAY, KEPT = "single", "side", "self-play", "checkpoint"
 is kept at some time of training."""
 KEPT_IN, BEST = "checkpoints", "best"
 """The subfolder of the policies that are kept, and the name of the best of them."""
-KEPT_LIST = "checkpoints.json"
 FRAME_DIGITS = 9
 """Digits of frames in names of files; the names of earlier snapshots were their numbers, of 5."""
 

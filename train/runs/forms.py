@@ -88,6 +88,10 @@ class Evaluation(msgspec.Struct):
     optimal_steps: float | None
     optimality_gap: float | None
 
+    def __post_init__(self) -> None:
+        known = self.optimal_steps is not None or self.optimality_gap is None
+        check(known, f"optimality_gap={self.optimality_gap} without optimal_steps")
+
 
 class Match(msgspec.Struct):
     """The result of two policies of self-play against each other."""
@@ -128,6 +132,14 @@ class Results(msgspec.Struct, kw_only=True):
     matches: list[Match] = []
     at_start: dict[str, float] = {}
     approximate_best_response: dict[str, float] = {}
+    exact_best_response: dict[str, float] = {}
+    limited_best_responses: dict[str, tuple[float, float]] = {}
+    nash_conv_of: dict[str, float | None] = {}
+    discount: float = 1.0
+    reference: Plain = {}
+    team: Plain = {}
+    teammates: dict[str, str] = {}
+    whole_game: Plain | None = None
 
 
 class Exported(msgspec.Struct):

@@ -405,8 +405,9 @@ class Run(Generic[T]):
         }
         if trainee.evaluates_first and self.rows:
             content["at_start"] = self.rows[0]
-        for name in (CURVE, REPLAY):
-            (self.folder / name).unlink(missing_ok=True)
+        if (self.folder / RESULTS).exists():  # else they are of these results, which were lost
+            for name in (CURVE, REPLAY):
+                (self.folder / name).unlink(missing_ok=True)
         write_json(self.folder / RESULTS, content)
         return content
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -23,9 +24,10 @@ def entry_names(
         chosen: a name for each entry in their order, or empty.
 
     Raises:
-        ValueError: the same entry twice, or chosen names that are too few, too many or repeated.
+        ValueError: the same entry twice; chosen names that are too few, too many or repeated; names
+            as `check_name`.
     """
-    paths = {entry: Path(entry).resolve() for entry in entries if not is_agent(entry)}
+    paths = {entry: Path(os.path.realpath(entry)) for entry in entries if not is_agent(entry)}
     for number, entry in enumerate(entries):
         same = [e for e in entries[:number] if e == entry or paths.get(e, e) == paths.get(entry)]
         check(not same, f"two entries are called {entry!r}; give it once")
@@ -35,16 +37,24 @@ def entry_names(
             f"{len(chosen)} names for {len(entries)} entries; give one for each, in their order",
         )
         for name in chosen:
-            check(bool(name.strip()), f"name {name!r} is empty; give a text")
             check(list(chosen).count(name) == 1, f"two names are {name!r}; give different ones")
-        return list(chosen)
     agents = {entry for entry in entries if entry not in paths}
-    return [
+    found = list(chosen) or [
         _name_of(paths[entry], [p for e, p in paths.items() if e != entry], agents)
         if entry in paths
         else entry
         for entry in entries
     ]
+    for name in found:
+        check_name(name)
+    return found
+
+
+def check_name(name: str) -> None:
+    """ValueError unless a line of tables and figures can have this name: pictures as SVG are not
+    well-formed with control characters."""
+    good = bool(name.strip()) and name.isprintable()
+    check(good, f"name {name!r} is empty, or has characters that are not printable; give another")
 
 
 def _name_of(path: Path, others: Sequence[Path], agents: set[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from pursuit.replays.viewer.data import Builder
@@ -60,7 +61,7 @@ def write_self_play_report(
         folder: of the run.
         trainee: all sides.
         results: the contents of `results.json`.
-        path: of the page, if not in the folder; then no replays are written.
+        path: of the page, if not in the folder; then nothing else is written.
 
     Raises:
         ValueError: a game that draws its states failed to.
@@ -73,16 +74,17 @@ def write_self_play_report(
     replay = game.add_episodes(builder, policies, games, labels)
     if replay is not None and path is None:
         replay.save(folder / REPLAYS)
-    path, title = path or folder / REPORT, title_of(results)
+    title = title_of(results)
     who = ", ".join(f"{role} {label}" for role, label in labels.items())
     shown = []
     for each in game.tables(results):
         shown += section(each.title, each.table.markdown(), each.unit, each.legend)
     if len(game.roles) == 2:
         league = snapshots_league(trainee, policies)
-        payoff = path.with_name(PAYOFF)
-        draw_league(payoff, league, f"{league.measure.unit}: snapshots against each other")
-        matrix = embedded_picture(payoff, "payoff matrix of snapshots")
+        with TemporaryDirectory() as beside:  # the page embeds the picture
+            payoff = (folder if path is None else Path(beside)) / PAYOFF
+            draw_league(payoff, league, f"{league.measure.unit}: snapshots against each other")
+            matrix = embedded_picture(payoff, "payoff matrix of snapshots")
         shown += section("Snapshots against each other", matrix, cycle_in_words(league))
     parts = [
         in_markdown(f"Run {folder.name}: {who}, opponents {results['sampling']}."),
@@ -94,6 +96,7 @@ def write_self_play_report(
         *shown,
         *section("Settings and command", *settings_and_command(folder, results)),
     ]
+    path = path or folder / REPORT
     write_page(path, title, parts, builder.data(title))
     return path
 

@@ -11,6 +11,7 @@ from typing import Annotated, ClassVar
 from pursuit.validation import Rule, check, check_fields, is_int, rule
 
 Count = Annotated[int, rule(lambda value: 1 <= value < 2**63, "must be at least 1, below 2**63")]
+Shown = Annotated[int, rule(lambda value: 1 <= value <= 1000, "give 1 to 1000 episodes to look at")]
 Positive = Annotated[float, rule(lambda value: 0 < value < inf, "must be above 0")]
 NotNegative = Annotated[float, rule(lambda value: 0 <= value < inf, "must be finite, at least 0")]
 SHARE = rule(lambda value: 0 <= value <= 1, "must be in [0, 1]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -284,6 +285,13 @@ def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     path.write_text("[" * 100_000)
     with pytest.raises(ValueError, match="not a valid replay"):
         Replay.load(path)
+
+
+def test_what_is_not_a_file_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path):
+        with pytest.raises(ValueError, match=f"{path}: not a file"):
+            Replay.load(path)
 
 
 def test_an_episode_of_one_step_is_kept_if_the_next_start_is_equal() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pandas
 import pytest
+from command_errors import error_of
 from executed_here import executed_here
 from test_study_files import ABLATION, SELF_PLAY
 from test_sweeps import write
@@ -61,6 +63,27 @@ def test_an_ablation_runs_reports_and_is_not_repeated(
     rows = pandas.read_csv(out / "report" / "runs.csv")
     assert rows["variant"].to_list() == ["none"] * 2 + ["fewer goals first"] * 2
     assert {"seed", "maze", "frames", "seconds", "shortfall", "frames_to_5"} <= {*rows.columns}
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("run.json", "run.json: names no variant; restore it"),
+        ("metrics.csv", "has no evaluations; restore its metrics.csv"),
+    ],
+)
+def test_a_report_names_the_run_that_lost_a_file(
+    name: str,
+    message: str,
+    ablated: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = Path(shutil.copytree(ablated / "out", tmp_path / "out"))
+    lost = min(out.glob(f"runs/*/{name}"))
+    lost.unlink()
+    said = error_of(capsys, "report", out)
+    assert message in said and lost.parent.name in said
 
 
 @pytest.mark.parametrize(("asked", "drawn"), [(None, "frames"), ("seconds", "seconds")])

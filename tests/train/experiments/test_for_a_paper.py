@@ -99,11 +99,23 @@ def test_names_are_the_shortest_unique_ones(tmp_path: Path) -> None:
         *(f"{top}/pair", f"{top}/pair/chaser", "z/pair", "astar"),
     ]
     assert entry_names(entries[:3], is_agent, ["1", "2", "3"]) == ["1", "2", "3"]
-    for chosen, message in ((["1"], "1 names for 3"), (["1", "1", "2"], "two names are '1'")):
+    for chosen, message in (
+        (["1"], "1 names for 3"),
+        (["1", "1", "2"], "two names are '1'"),
+        (
+            ["1", "2", "a\x1bb"],
+            r"name 'a\\x1bb' is empty, or has characters that are not printable",
+        ),
+        (["1", "2", " "], "name ' ' is empty"),
+    ):
         with pytest.raises(ValueError, match=message):
             entry_names(entries[:3], is_agent, chosen)
     with pytest.raises(ValueError, match="give it once"):
         entry_names([entries[0], f"{entries[0]}/../one"], is_agent)
+    with pytest.raises(ValueError, match=r"name 'a\\x07' is empty, or has characters"):
+        entry_names([str(tmp_path / "a\x07")], is_agent)
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert entry_names([str(tmp_path / "loop")], is_agent) == ["loop"]
 
 
 # -- tables ----------------------------------------------------------------------------------------

@@ -187,6 +187,28 @@ def test_damage_to_a_file_is_reported_in_one_line(runs: dict[str, Path], tmp_pat
                 raise AssertionError(told) from error
 
 
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("table", {"reference": True}),
+        ("table", {"teammates": {"chaser_1": 3}}),
+        ("table", {"evaluation": {"optimal_steps": None}}),
+        ("self-play", {"discount": "0.99"}),
+        ("self-play", {"team": [1]}),
+        ("self-play", {"exact_best_response": {"chaser": "x"}}),
+    ],
+)
+def test_results_edited_by_hand_are_refused_where_they_are_read(
+    name: str, changes: dict[str, Any], runs: dict[str, Path], tmp_path: Path
+) -> None:
+    content = json.loads((runs[name] / "results.json").read_text())
+    for key, value in changes.items():
+        content[key] = content.get(key, {}) | value if key == "evaluation" else value
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=rf"results\.json.*{min(changes)}.*; delete it and resume"):
+        load_results(tmp_path)
+
+
 def test_a_flipped_bit_anywhere_in_a_checkpoint_is_noticed(
     runs: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -63,6 +63,33 @@ def test_an_existing_file_is_not_replaced(
 
 
 @pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (["view", "RUN", "--no-open", "--out", "FILE"], "checkpoint.pt"),
+        (["view", "FILE", "--no-open", "--out", "LINK"], "replays.json"),
+        (["evaluate", "RUN", "--episodes", "2", "--replays", "FILE"], "config.json"),
+        (["evaluate", "RUN", "--episodes", "2", "--out", "LINK"], "results.json"),
+        (["render", "RUN", "--out", "FILE"], "metrics.csv"),
+        (["maze", "3x3", "--out", "FILE"], "metrics.csv"),
+    ],
+)
+def test_a_run_and_the_input_are_never_replaced(
+    command: list[str],
+    name: str,
+    trained: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before, file, link = contents(trained), trained / name, tmp_path / "link"
+    link.symlink_to(file)
+    places = {"RUN": trained, "FILE": file, "LINK": link}
+    said = error_of(capsys, *(places.get(word, word) for word in command), "--overwrite")
+    assert f"{name}: is " in said or "link: is " in said
+    assert "never replaced; give a new file" in said
+    assert contents(trained) == before and link.is_symlink()
+
+
+@pytest.mark.parametrize(
     "command",
     [
         ["league", "astar", "random", "--maze", "2x2", "--games", "2"],
@@ -170,7 +197,9 @@ def test_allowed_outputs(tmp_path: Path) -> None:
     (held / "note.txt").touch()
     check_output_folder(held, lambda folder: (folder / "note.txt").exists())
     check_output_folder(held, lambda folder: False, overwrite=True)
-    check_new_files([None, new, held / "note.txt"], overwrite=True)
+    for name in ("config.json", "results.json"):  # of another program
+        (held / name).write_text("{}")
+    check_new_files([None, new, held / "note.txt", held / "results.json"], overwrite=True)
     with pytest.raises(ValueError, match=r"give a new folder$"):
         check_output_folder(held, lambda folder: False)
     with pytest.raises(ValueError, match="a file; give a folder"):

@@ -135,6 +135,37 @@ def test_a_complete_run_is_refused_and_a_side_points_to_the_whole(
         assert f"give {folder}" in error_of(capsys, other, "--resume", folder / "chaser")
 
 
+@pytest.mark.parametrize("finished", ["self-play"], indirect=True)
+def test_a_side_that_was_lost_is_written_again_by_the_command_that_the_message_names(
+    finished: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    for name in ("learning_curve.png", "report.html"):
+        (folder / name).touch()
+    before = load_checkpoint(folder / "chaser")
+    shutil.rmtree(folder / "chaser")
+    said = error_of(capsys, "evaluate", folder, "--episodes", 2)
+    again = f"go on with pursuit self-play --resume {folder}"
+    assert f"{folder / 'chaser'}: no checkpoint yet; {again}" in said
+    assert status_of("self-play", "--resume", folder, "--no-report") == 0
+    check_same(load_checkpoint(folder / "chaser"), before, "chaser")
+    assert status_of("evaluate", folder, "--episodes", 2) == 0
+
+
+def test_a_run_that_lost_its_results_keeps_its_figures_where_they_are_written_again(
+    finished: tuple[str, Path], tmp_path: Path
+) -> None:
+    folder = copy_of(finished[1], tmp_path / "run")
+    (folder / "results.json").unlink()
+    figures = [folder / "learning_curve.png", folder / "replay.gif"]
+    for figure in figures:
+        figure.touch()
+    assert status_of("view", folder, "--no-open") == 0
+    assert load_results(folder) and all(figure.exists() for figure in figures)
+    open_run(folder).results(4)  # the figures have the scores of the former ones
+    assert not any(figure.exists() for figure in figures)
+
+
 def test_a_folder_of_a_run_killed_before_its_settings_were_written_can_be_used(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -161,9 +161,11 @@ def test_the_browser_shows_drawings_and_numbers_and_loads_nothing(
 
 @pytest.mark.parametrize("name", ["text", "together", "pair"])
 def test_view_writes_the_report_again(name: str, runs: dict[str, Path], tmp_path: Path) -> None:
+    """And no other file."""
     page = tmp_path / "page.html"
     main(["view", str(runs[name]), "--no-open", "--out", str(page)])
     assert page.read_text() == (runs[name] / "report.html").read_text()
+    assert [*tmp_path.iterdir()] == [page]
 
 
 def test_several_runs_are_on_one_page(runs: dict[str, Path], tmp_path: Path) -> None:
