@@ -364,7 +364,7 @@ def test_bids_are_cards_and_probabilities_bars(browser: Any, tmp_path: Path) -> 
     bars = sheet.tab.locator(".side table").nth(1).locator(".bar").all()
     widths = [bar.evaluate("bar => bar.getBoundingClientRect().width") for bar in bars]
     shares = np.stack([state["choices"][0][which] for which in ("played", "best")], axis=1)
-    assert widths == pytest.approx((48 * shares).ravel().tolist(), abs=0.6)
+    assert widths == pytest.approx((25.6 * shares).ravel().tolist(), abs=0.6)
     board = "new GameBoard(document.createElement('div'), {agents: []})"
     parse = f"text => {board}.pictureOf(text.split('\\n')) !== null"
     for text, is_drawn in (
