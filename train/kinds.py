@@ -286,15 +286,18 @@ def resume(folder: Path | str, kind: str, stretch: bool = False, **longer: Any) 
         found == kind,
         f"{folder}: a run of kind {found!r}; resume it by `{KINDS[found].again} --resume {folder}`",
     )
-    parts = (*KINDS[kind].pictures, *getattr(settings, "learning", ()))
-    lost = [name for name in parts if not (folder / name).exists()]
+
+    def lost(names: Sequence[str]) -> bool:
+        return not all((folder / name).exists() for name in names)
+
+    sides_lost = lost(getattr(settings, "learning", ()))
     check(
-        bool(longer) or not is_complete(folder) or bool(lost),
+        bool(longer) or not is_complete(folder) or sides_lost or lost(KINDS[kind].pictures),
         f"{folder}: complete; its budget is spent. See {folder / RESULTS}, or go on with a longer "
         f"one: --resume {folder} --frames or --seconds",
     )
     run = open_run(folder, stretch=stretch, **longer)
-    if lost and (folder / CHECKPOINT).exists():
+    if sides_lost and (folder / CHECKPOINT).exists():
         run.trainee.save_beside(folder)
     return run
 

@@ -245,9 +245,10 @@ def test_the_array_job_of_the_page_and_the_command_after_it_run(
 ) -> None:
     page = Path(__file__).parents[3] / "docs" / "guides" / "sweeps.md"
     slurm = page.read_text(encoding="utf-8").partition("\n## SLURM\n")[2]
-    array, merge, *_ = re.findall(r"^pursuit (.+)$", slurm, re.MULTILINE)
+    array, merge, *_ = re.findall(r"^pursuit (sweep .+)$", slurm, re.MULTILINE)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "study.toml").write_text(SWEEP.replace("[0, 1, 2, 3, 4]", "[0]"))
+    full = SWEEP.replace("seeds = [0, 1, 2, 3, 4]\n", "") + "[full]\nseeds = [0]\n"
+    (tmp_path / "chasers.toml").write_text(full)
     for number in NUMBERS:  # of which six have nothing to do
         main_here(array.replace("$SLURM_ARRAY_TASK_ID", str(number)).split())
         reports = (tmp_path / "out" / "report" / "table.csv").exists()
