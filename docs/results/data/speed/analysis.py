@@ -57,4 +57,5 @@ def tables(data: Path) -> dict[str, str]:
     return {
         "simulator": plain_table(alone).markdown(),
         "peers": plain_table(peers(rows), heads).markdown(),
+        "idle": plain_table(peers(read_table(data / "peers_idle.csv")), heads).markdown(),
     }
